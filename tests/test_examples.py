@@ -42,13 +42,3 @@ def test_examples_give_what_they_say(name: str, monkeypatch: pytest.MonkeyPatch)
     for test in tests:
         runner.run(test, out=texts.append)
     assert runner.failures == 0, "".join(texts)
-
-
-def test_the_most_used_functions_have_examples() -> None:
-    expected = {
-        "cosim.accuracy.certify.certify", "cosim.formats.ssp.read.read_ssp", "cosim.master.run",
-        "cosim.metrics.largest", "fmukit.declare.record.discrete", "fmukit.declare.record.real",
-        "workbench.figure.Figure.undetermined", "workbench.options.option",
-    }  # fmt: skip
-    named = {test.name for name in MODULES for test in examples(importlib.import_module(name))}
-    assert expected <= named

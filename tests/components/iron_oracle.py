@@ -282,12 +282,8 @@ class Reference:
         q = self.q
         return q["friction.K_down"] if v > 0 else q["friction.K_up"] if v < 0 else 0.0
 
-    def forces(
-        self, y: Any, cell: int, flying: bool, stiffness: float = 0.0
-    ) -> tuple[float, float, float, float]:
-        """Accelerations of cam and rocker, torque between them, power lost to the guide; in flight
-        a spring may push where the rocker has gone into the cam.
-        """
+    def forces(self, y: Any, cell: int, flying: bool) -> tuple[float, float, float, float]:
+        """Accelerations of cam and rocker, torque between them, power lost to the guide."""
         phi, w, alpha, v, tau, *_ = y
         q, (_, a_1, a_2) = self.q, self.cam(phi, cell)
         J, J_1, Pi_1, H_1, H_2, W_0, drag, _ = self.side(alpha)
@@ -296,7 +292,7 @@ class Reference:
         Q = K * H_1 * (W_0 - m * H_2 * v * v) - J_1 * v * v / 2 - Pi_1 - drag * v
         weight = q["cam.m"] * q["g"] * q["cam.r"] * cos(phi + q["cam.gamma"])
         M = q["reducer.i_g"] * tau - weight - q["joints.cam"] * w
-        push = stiffness * (alpha - self.cam(phi, cell)[0]) if flying else Q - A * (a_2 * w * w + a_1 * (M + a_1 * (Q - A * a_2 * w * w)) / (
+        push = 0.0 if flying else Q - A * (a_2 * w * w + a_1 * (M + a_1 * (Q - A * a_2 * w * w)) / (
             self.J_c + A * a_1 * a_1
         ))  # fmt: skip
         turn = (Q - push) / A
@@ -310,30 +306,6 @@ class Reference:
         motor = self.motor
         lag = 0.0 if motor is None else (motor["A"] - motor["B"] * i * y[1] - tau) / motor["T"]
         return [y[1], eps, y[3], turn, lag, loss, i * tau * y[1], float(flying)]
-
-    def stopped(self, phi: float, w: float, w_gap: float, stiffness: float) -> tuple[float, float]:
-        """Speeds of cam and rocker, which met on a spring, when they go no further into each other."""
-        cell = sum(phi % (2 * pi) >= end for end in self.ends)
-        alpha, a_1, _ = self.cam(phi, cell)
-
-        def slope(t: float, y: Any) -> list[float]:
-            eps, turn, *_ = self.forces([*y, self.tau], cell, True, stiffness)
-            return [y[1], eps, y[3], turn]
-
-        def together(t: float, y: Any) -> float:
-            return float(self.cam(y[0], cell)[1] * y[1] - y[3])
-
-        def reverses(t: float, y: Any) -> float:
-            return float(y[3])
-
-        together.terminal = reverses.terminal = True  # type: ignore[attr-defined]
-        t, y, ends = 0.0, np.array([phi, w, alpha, a_1 * w - w_gap]), [together, reverses]
-        while True:
-            solution = solve_ivp(slope, (t, 1.0), y, events=ends, rtol=1e-10, atol=1e-13)
-            t, y = float(solution.t[-1]), solution.y[:, -1]
-            if len(solution.t_events[0]):
-                return float(y[1]), float(y[3])
-            y[3], ends = -ROUNDING, [together]
 
     def energy(self, y: Any) -> float:
         """Kinetic and potential, of all but a constant."""

@@ -31,6 +31,7 @@ RPM = pi / 30
 ROUTE = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
 MOVING = tuple(model.MECHANICS)
 
+
 ORIENTATION_TIMES = {
     # rpm: mu = 0.2, 0.35, 0.5
     0: (0.2387752354, 0.2387752354, 0.2387752354),
@@ -105,13 +106,15 @@ def test_orientation_takes_the_reference_time_at_every_communication_step(
             assert actual == pytest.approx(expected, abs=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(5))
 def test_a_passage_of_any_machine_is_that_of_the_reference_solution(seed: int, fmus: Path) -> None:
-    """A speed on a line, which jams one of the machines; times, and the impulses at the impacts."""
+    """A speed on a line, which jams one of the machines, and none, at which the product flies from its
+    release; times, and the impulses at the impacts.
+    """
     draw = random.Random(seed)
     p = random_parameters(model, draw, 0.1)
     values = by_name(p)
-    n, rise = draw.uniform(0, 60), draw.uniform(-100, 100)
+    n, rise = (draw.uniform(0, 60), draw.uniform(-100, 100)) if seed < 4 else (0.0, 0.0)
     names = {name: name for name in (*ROUTE, "S_x", "P_K")}
     names |= {"S_y": "corner_impulse", "S_k": "wall_impulse", "P_B": "hook_impulse"}
     for folder, h in ((fmus / "native", 1e-4), (fmus / "native", 7e-3), (fmus, 2e-2)):
@@ -140,14 +143,6 @@ def test_states_energies_and_impulses_are_the_reference_ones(fmus: Path) -> None
     assert actual == pytest.approx(IMPULSES, rel=1e-8)
     fields: Any = model.State
     assert read(unit, *fields._fields[:8]) == pytest.approx(INSTANTS["oriented"], rel=5e-10)
-
-
-def test_without_speed_the_product_flies_from_its_release_and_falls_as_in_the_formula() -> None:
-    (*_, (released, _, new), (leaving, old, flying), (t, before, _)) = passage(0, 0.35)[2]
-    assert released == leaving == pytest.approx(0.1834961, abs=5e-8)
-    assert (old.contact, flying.contact, numbers(flying)) == (True, False, numbers(new))
-    assert before.vyc == pytest.approx(flying.vyc + 9.81 * (t - leaving), abs=1e-12)
-    assert passage(0, 0.35)[2][0][0] == pytest.approx(math.sqrt(2 * 0.04 / 9.81), abs=1e-14)
 
 
 def test_a_product_is_held_in_the_chute_and_falls_on_when_the_rotor_slows_down(fmus: Path) -> None:
@@ -485,35 +480,3 @@ def test_a_start_follows_the_parameters_and_closes_the_mechanism(fmus: Path) -> 
     unit = Unit(fmus / FMU).start(stage=2, release=False, **values)
     assert unit.get("yc") == pytest.approx(0.146872546424636 - 0.005 * sin(6.3), abs=1e-14)
     assert unit.step(0.0, 0.2).get("stage") == Stage.oriented
-
-
-def test_any_machine_at_any_speed_comes_to_an_end(native: Path) -> None:
-    ends = set()
-    for p, _, w in products(Stage.falling, 12):
-        speed, unit = (w, 100 * w)[len(ends) % 2], Unit(native / FMU)
-        unit.start(w=speed, **by_name(p))
-        for k in range(150):
-            unit.set(w=speed * (1 + 0.3 * sin(0.8 * k))).step(2e-2 * k, 2e-2)
-        stage, reason = read(unit, "stage", "reason")
-        ends.add(Stage(stage) if stage != Stage.falling else Reason(reason))
-        assert all(map(math.isfinite, unit.outputs()))
-    assert ends == {Stage.oriented, Stage.jammed, Reason.held_in_chute}
-
-
-def test_products_in_a_row_do_not_drift(fmus: Path) -> None:
-    h, now, first, reasons = 2e-2, itertools.count(), {}, []
-    unit = Unit(fmus / FMU).start(release=False)
-    for product in range(21):
-        mean = (15, 30, 40, 50, 60, 70, 90)[product % 7]
-        for k in itertools.count():
-            n = mean + 5 * sin(9 * k * h)
-            unit.set(w=RPM * n, release=True).step(h * next(now), h)
-            if unit.get("stage") in (Stage.oriented, Stage.jammed):
-                break
-        actual = read(unit, *ROUTE, "reason")
-        assert actual == pytest.approx(first.setdefault(mean, actual), abs=1e-10)
-        unit.set(release=False).step(h * next(now), h)
-        reasons.append(actual[-1])
-    oriented = reasons.count(0)
-    assert 0 < oriented < 21
-    assert read(unit, "oriented", "jammed", "missed") == [oriented, 21 - oriented, 0]

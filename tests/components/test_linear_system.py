@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import math
-from pathlib import Path
 from typing import Any
 
 import mpmath
@@ -19,7 +17,6 @@ from fmukit.declare.model import complete_model
 from fmukit.declare.record import array, declarations, fill, real, record, replace, start
 from fmukit.runtime import hybrid as motion
 from fmukit.si import Ratio
-from tests.hosts.host import Unit
 
 complete_model(linear)
 FMU = "LinearSystem.fmu"
@@ -79,24 +76,12 @@ def test_exponential_agrees_with_scipy_and_with_thirty_digits() -> None:
         assert got == near(np.array(digits, dtype=float), 1e-15)
 
 
-@pytest.mark.parametrize("h", STEPS)
-def test_exponential_agrees_with_closed_forms(h: float) -> None:
-    nilpotent = [[0, 1, 2, 3], [0, 0, 4, 5], [0, 0, 0, 6], [0, 0, 0, 0]]
-    N = np.array(nilpotent, dtype=float) * h
-    polynomial = np.eye(4) + N + N @ N / 2 + N @ N @ N / 6
-    assert exponential(nilpotent, h) == near(polynomial, 1e-15)
-    c, s = math.cos(3 * h), math.sin(3 * h)
-    assert exponential([[0.0, 3.0], [-3.0, 0.0]], h) == near(np.array([[c, s], [-s, c]]), 1e-15)
-    stiff = exponential([[-1e3, 0.0], [0.0, -1.0]], h)
-    assert stiff == near(np.diag([math.exp(-1e3 * h), math.exp(-h)]), 1e-14)
-
-
 def test_an_exponential_beyond_the_range_is_refused() -> None:
     with pytest.raises(OverflowError, match=r"exp\(A h\) is beyond 1e300 with h = 1.0 s"):
         exponential([[800.0]], 1.0)
 
 
-def augmented(p: Any, x: Any, u0: Any, u1: Any, h: float) -> Any:
+def end_by_scipy(p: Any, x: Any, u0: Any, u1: Any, h: float) -> Any:
     """The state at the end of a step by SciPy's exponential of state, input and its slope."""
     M = np.zeros((12, 12))
     M[:4, :4], M[:4, 4:8], M[4:8, 8:] = p.A, p.B, np.eye(4)
@@ -114,7 +99,7 @@ def test_steps_are_exact_for_every_trajectory_of_the_inputs(hold: InputHold, h: 
         now = fill(linear.Inputs, draw.normal(size=4).tolist())
         inputs = motion.input_trajectory(hold, before, now, 0.7 * h, h)
         got = motion.advance(linear, p, 0.0, x, inputs)
-        want = augmented(p, x, inputs.start, inputs.end, h)
+        want = end_by_scipy(p, x, inputs.start, inputs.end, h)
         assert got == pytest.approx(want, rel=1e-12, abs=1e-12 * np.linalg.norm(want))
 
 
@@ -132,31 +117,6 @@ def test_rates_and_outputs_are_the_products() -> None:
     y, z = C @ x, C @ x + D @ u
     assert linear.outputs(p, 0.0, x, u) == near([*y, *z], 1e-13)
     assert linear.derivatives(p, 0.0, x, u) == near(A @ x + B @ u, 1e-13)
-
-
-ENTRIES = {
-    "dual mass": (
-        {"A": [[0, 1, 0, 0], [-20, -0.7, 10, 0.5], [0, 0, 0, 1], [10, 0.5, -30, -0.8]],
-         "x": [0, 0, 0.5, 0]}, 10.0,
-        (0.0510408140565515, 0.0851264592091883, 0.0316413383731971, 0.0458048846098638)),
-    "quarter car": (
-        {"A": [[0, 1, 0, 0], [-37.5, -2.5, 37.5, 2.5], [0, 0, 0, 1], [375, 25, -4125, -25]],
-         "B": [[0], [0], [0], [3750]], "u": [0.1]}, 4.0,
-        (0.100406579102539, -0.00938444430909359, 0.099984619729379, -0.00083925028223614)),
-    "DC motor": (
-        {"A": [[-1000, -10], [5, -0.5]], "B": [[1000, 0], [0, -500]], "u": [12.0, 0.05]}, 10.0,
-        (11.3662402059706, 63.3761226214342, 0.0, 0.0)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("count", [1, 1000])
-@pytest.mark.parametrize("name", ENTRIES)
-def test_full_systems_end_where_they_must(name: str, count: int, fmus: Path) -> None:
-    arrays, stop, expected = ENTRIES[name]
-    unit, h = Unit(fmus / FMU).start(**system(**arrays)), stop / count
-    for n in range(count):
-        unit.step(n * h, h)
-    assert unit.outputs()[:4] == pytest.approx(expected, rel=1e-12, abs=1e-14)
 
 
 def full(seed: int) -> dict[str, float]:

@@ -6,7 +6,8 @@ import cmath
 import importlib
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from components.crank_conveyor import model as crank_conveyor
@@ -26,59 +26,128 @@ from fmukit.runtime import direction as turn
 from fmukit.runtime import hybrid as motion
 from fmukit.runtime import ode
 from scenarios.conveyor.first_order import SETS
-from tests.oracle import lagrange, monolithic, random_parameters, revolution_samples
+from tests.oracle import by_name, lagrange, monolithic, random_parameters, revolution_samples
 from tests.scenarios.orbit_oracle import Drive, orbit
 
 complete_model(crank_conveyor)
 complete_model(drive_motor)
 
 
-@pytest.mark.parametrize("finite", [False, True])
-def test_inertia_load_and_acceleration_follow_from_the_energies(finite: bool) -> None:
-    """The rod's force from the balance of the trough, and that of the crank."""
-    symbols = sympy.symbols("J m r l c d tau phi w")
-    J, m, r, l, c, d, tau, phi, w = symbols
-    x = r * sympy.sin(phi)
-    if finite:
-        x += sympy.sqrt(l**2 - (r * sympy.cos(phi)) ** 2) - l
-    slope, bend = x.diff(phi), x.diff(phi, 2)
-    energy = (J * w**2 + m * (slope * w) ** 2 - c * x**2) / 2
-    inertia, rest = lagrange(energy, [phi], [w], [tau - d * slope**2 * w])
-    derived = sympy.lambdify(symbols, [inertia[0], rest[0] + tau, x, slope, bend])
-    for values, p, state, u in states(finite, 50):
-        theta, load, at, by, by_2 = derived(*values)
-        J_1, mass, _, rod, spring, damper, _, _, speed = values
-        crank = crank_conveyor.step_constants(p, state)
-        assert crank_conveyor.inertia_and_load_torque(p, state, crank) == pytest.approx(
-            (theta, load), rel=1e-12, abs=1e-10
-        )
-        rates, y = (
-            crank_conveyor.derivatives(p, 0.0, state, u),
-            crank_conveyor.outputs(p, 0.0, state, u),
-        )
-        assert rates.phi == speed
-        assert rates.w == y.a == pytest.approx((u.tau - load) / theta, rel=1e-12, abs=1e-10)
-        cosine = math.sqrt(1 - (p.crank.r * math.cos(state.phi) / rod) ** 2) if finite else 1.0
-        push = mass * (by * y.a + by_2 * speed**2) + spring * at + damper * by * speed
-        assert y.f_rod * cosine == pytest.approx(push, rel=1e-9, abs=1e-9 * spring * p.crank.r)
-        assert J_1 * y.a == pytest.approx(u.tau - push * by, rel=1e-9, abs=1e-9)
-        assert (y.x, y.v) == pytest.approx((at, by * speed), rel=1e-12)
+Mechanics = tuple[Any, Any, list[Any], dict[str, Any]]
+"""Kinetic and potential energy, the other forces along the coordinates, and outputs, in symbols."""
 
 
-def states(finite: bool, count: int) -> Any:
-    """Random machines and states: values in the order of the derivation, and as records."""
-    draw = random.Random(1)
-    for _ in range(count):
-        theta1, m, r = draw.uniform(0.01, 2), draw.uniform(1, 500), draw.uniform(0.001, 0.1)
-        l, c, d = r * draw.uniform(1.1, 30), draw.uniform(0, 1e6), draw.uniform(0, 1e4)
-        tau, phi, w = draw.uniform(-500, 500), draw.uniform(-7, 7), draw.uniform(-90, 90)
-        p = start(
-            crank_conveyor.Parameters,
-            **{"rotor.J": theta1, "crank.r": r, "rod.l": l, "rod.finite": finite},
-            **{"trough.m": m, "trough.d": d, "spring.c": c},
-        )
-        values = (theta1, m, r, l, c, d, tau, phi, w)
-        yield values, p, crank_conveyor.State(phi, w), crank_conveyor.Inputs(tau)
+def crank_and_rod(s: dict[str, Any], *, finite: bool) -> Mechanics:
+    """The rod's force is that of the trough's balance, over the cosine of the rod's angle."""
+    r, l, m, c, d = (s[x] for x in ("crank.r", "rod.l", "trough.m", "spring.c", "trough.d"))
+    root = sympy.sqrt(l**2 - (r * sympy.cos(s["phi"])) ** 2)
+    x = r * sympy.sin(s["phi"]) + (root - l if finite else 0)
+    v, push = velocity_and_push(s, x, m, c, d)
+    kinetic, force = (s["rotor.J"] * s["w"] ** 2 + m * v**2) / 2, s["tau"] - d * v**2 / s["w"]
+    return (
+        kinetic,
+        c * x**2 / 2,
+        [force],
+        {"x": x, "v": v, "f_rod": push * (l / root if finite else 1)},
+    )
+
+
+def pin_and_link(s: dict[str, Any], *, swings: bool) -> Mechanics:
+    """The pin's force acts by moments about the pivot of the link on the trough, with its load, along x."""
+    r, l, c, d = (s[x] for x in ("crank.r", "link.l", "spring.c", "trough.d"))
+    reach, across = l + r * sympy.cos(s["phi"]), r * sympy.sin(s["phi"])
+    x, arm = across * (l / reach if swings else 1), sympy.sqrt(reach**2 + across**2)
+    v, push = velocity_and_push(s, x, s["trough.m"] + s["load.m"], c, d)
+    _, load = velocity_and_push(s, x, s["load.m"], c, d)
+    kinetic = (s["rotor.J"] * s["w"] ** 2 + (s["trough.m"] + s["load.m"]) * v**2) / 2
+    pin = push * (l * arm / reach**2 if swings else 1)
+    return (
+        kinetic,
+        c * x**2 / 2,
+        [s["tau"] - d * v**2 / s["w"]],
+        {"x": x, "v": v, "f_load": load, "f_pin": pin},
+    )
+
+
+def velocity_and_push(s: dict[str, Any], x: Any, m: Any, c: Any, d: Any) -> tuple[Any, Any]:
+    """Velocity of a mass at the position x of the crank angle, and the force that moves it."""
+    slope = x.diff(s["phi"])
+    a = slope * s["w'"] + slope.diff(s["phi"]) * s["w"] ** 2
+    return slope * s["w"], m * a + c * x + d * slope * s["w"]
+
+
+def unbalance(s: dict[str, Any]) -> Mechanics:
+    """From the places of both masses; the mount's force is what the momentum of both lacks."""
+    J, m, r, M, c, phi, w = (
+        s[x] for x in ("rotor.J", "rotor.m", "rotor.r", "mount.m", "mount.c", "phi", "w")
+    )
+    place = sympy.Matrix([s["x"] + r * sympy.cos(phi), r * sympy.sin(phi)])
+    speed = place.jacobian([phi, s["x"]]) * sympy.Matrix([w, s["v"]])
+    kinetic = (M * s["v"] ** 2 + J * w**2 + m * speed.dot(speed)) / 2
+    turned = r * (sympy.sin(phi) * s["w'"] + sympy.cos(phi) * w**2)
+    f = m * turned - (M + m) * s["v'"]
+    forces = [s["tau"] - s["rotor.d"] * w, -s["mount.d"] * s["v"]]
+    return kinetic, c * s["x"] ** 2 / 2, forces, {"f": f}
+
+
+LAGRANGE: dict[str, tuple[str, dict[str, Any], Callable[[dict[str, Any]], Mechanics]]] = {
+    # component and options, and what its mechanics are; each crank is long beside its rod or link
+    "crank": ("crank_conveyor", {}, partial(crank_and_rod, finite=False)),
+    "crank and rod": (
+        "crank_conveyor", {"rod.finite": True, "rod.l": 0.016}, partial(crank_and_rod, finite=True)),
+    "yoke": ("slotted_link", {}, partial(pin_and_link, swings=False)),
+    "swinging link": (
+        "slotted_link", {"link.swings": True, "link.l": 0.02}, partial(pin_and_link, swings=True)),
+    "exciter": ("unbalance_exciter", {}, unbalance),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LAGRANGE)
+def test_inertia_load_and_acceleration_follow_from_the_energies(name: str) -> None:
+    """Rates and outputs by Lagrange's equations, which SymPy derives, at random points."""
+    component, options, mechanics = LAGRANGE[name]
+    model = model_of(component)
+    speeds = [n for n in ("w", "v") if n in dict(declarations(model.State))]
+    records = (model.Parameters, model.State, model.Inputs)
+    names = [n for cls in records for n, _ in declarations(cls)]
+    s = {n: sympy.Symbol(n) for n in [*names, *(f"{n}'" for n in speeds)]}
+    kinetic, potential, forces, outputs = mechanics(s)
+    q, w = [s["phi" if n == "w" else "x"] for n in speeds], [s[n] for n in speeds]
+    inertia, rest = lagrange(kinetic - potential, q, w, forces)
+    solve = sympy.lambdify([s[n] for n in names], [inertia, rest])
+    outputs |= {"E_kin": kinetic, "E_pot": potential}
+    value_of = sympy.lambdify(list(s.values()), list(outputs.values()))
+    for p, x, u in random_points(model, random.Random(1), 0.5, [options] * 50):
+        at = [*by_name(p).values(), *x, *u]
+        M, b = solve(*at)
+        rates, y = model.derivatives(p, 0.0, x, u)._asdict(), model.outputs(p, 0.0, x, u)
+        wanted = np.linalg.solve(M, -b)[:, 0]
+        assert [rates[n] for n in speeds] == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+        actual = [getattr(y, n) for n in outputs]
+        assert actual == pytest.approx(value_of(*at, *wanted), rel=1e-9, abs=1e-9)
+        if "tau_load" in y._fields:
+            assert (y.a, y.tau_load) == pytest.approx(
+                (wanted[0], u.tau - M[0, 0] * wanted[0]), rel=1e-9, abs=1e-9
+            )
+
+
+def model_of(component: str) -> Any:
+    return complete_model(importlib.import_module(f"components.{component}.model"))
+
+
+def random_points(
+    model: Any, draw: random.Random, spread: float, cases: list[dict[str, Any]]
+) -> Iterator[tuple[Any, Any, Any]]:
+    """Random parameters, states and inputs of a machine, for each of some options."""
+    sizes = {
+        n: d.nominal or 1.0
+        for n, d in declarations(model.State)
+        if d.fmi_type == "Real" and not d.held and "gap" not in n
+    }
+    for case in cases:
+        p = random_parameters(model, draw, spread, **case)
+        x = start(model.State, **{n: size * draw.uniform(-1, 1) for n, size in sizes.items()})
+        yield p, x, fill(model.Inputs, [draw.uniform(-9, 9) for _ in declarations(model.Inputs)])
 
 
 POWERS: dict[str, tuple[list[dict[str, Any]], Callable[[Any, Any, Any], float]]] = {
@@ -100,19 +169,10 @@ POWERS: dict[str, tuple[list[dict[str, Any]], Callable[[Any, Any, Any], float]]]
 @pytest.mark.parametrize("name", POWERS)
 def test_power_balance_closes_at_every_instant(name: str) -> None:
     """What comes in at the ends is stored or lost: along the rates, by differences of order 4."""
-    model = complete_model(importlib.import_module(f"components.{name}.model"))
-    draw, h, (options, power) = random.Random(1), 1e-5, POWERS[name]
-    states = {
-        n: d.nominal or 1.0
-        for n, d in declarations(model.State)
-        if d.fmi_type == "Real" and not d.held and "gap" not in n
-    }
-    for case in options * 20:
-        p = random_parameters(model, draw, 0.1, **case)
-        x = start(model.State, **{n: size * draw.uniform(-1, 1) for n, size in states.items()})
+    model, h, (options, power) = model_of(name), 1e-5, POWERS[name]
+    for p, x, u in random_points(model, random.Random(1), 0.1, options * 20):
         if name == "iron_drive":
             x = x._replace(direction=math.copysign(1, x.w_cam))
-        u = fill(model.Inputs, [draw.uniform(-9, 9) for _ in declarations(model.Inputs)])
         rates, y = model.derivatives(p, 0.0, x, u), model.outputs(p, 0.0, x, u)
 
         def stored(time: float, p: Any = p, x: Any = x, u: Any = u, rates: Any = rates) -> float:
@@ -126,27 +186,6 @@ def test_power_balance_closes_at_every_instant(name: str) -> None:
         assert abs(sum(terms)) <= 1e-7 * max(map(abs, terms)) + rounding, terms
 
 
-def test_motor_with_linear_characteristic_steps_exactly() -> None:
-    """Against the solution of the differential equation that SymPy finds for a linear speed."""
-    t, h = sympy.symbols("t h", positive=True)
-    A, B, T, M0, w0, w1 = sympy.symbols("A B T M0 w0 w1", positive=True)
-    M = sympy.Function("M")
-    equation = sympy.Eq(M(t) + T * M(t).diff(t), A - B * (w0 + (w1 - w0) * t / h))
-    solution = sympy.dsolve(equation, M(t), ics={M(0): M0}).rhs.subs(t, h)
-    solve = sympy.lambdify((A, B, T, M0, w0, w1, h), solution)
-    draw = random.Random(2)
-    for _ in range(50):
-        values = [draw.uniform(low, high) for low, high in
-                  ((1, 9e3), (0, 300), (0.01, 1), (-500, 500), (-50, 90), (-50, 90), (1e-3, 1))]  # fmt: skip
-        a, b, lag, m0, u0, u1, step = values
-        p = start(drive_motor.Parameters, A=a, B=b, T=lag)
-        x = drive_motor.exact(
-            p, drive_motor.State(m0), drive_motor.Inputs(u0), drive_motor.Inputs(u1), step
-        )
-        assert x is not None
-        assert x.tau == pytest.approx(solve(*values), rel=1e-9, abs=1e-9)
-
-
 def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -> None:
     p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
     k = p.kloss
@@ -157,21 +196,6 @@ def test_kloss_characteristic_has_its_breakdown_torque_at_the_breakdown_slip() -
     assert drive_motor.static_torque(p, k.w_s) == 0.0
     assert drive_motor.static_torque(p, 1.1 * k.w_s) < 0.0
     assert drive_motor.static_torque(p, 0.0) == pytest.approx(2 * k.tau_b / (k.s_b + 1 / k.s_b))
-
-
-def test_kloss_motor_follows_the_lag_equation() -> None:
-    p = start(drive_motor.Parameters, characteristic=drive_motor.Characteristic.kloss)
-    u0, u1, h = drive_motor.Inputs(20.0), drive_motor.Inputs(62.0), 0.2
-    got = motion.advance(
-        drive_motor, p, 0.0, drive_motor.State(5.0), motion.InputTrajectory(u0, u1, h)
-    )
-
-    def slope(t: float, y: Any) -> Any:
-        u = drive_motor.Inputs(20.0 + 42.0 * t / h)
-        return drive_motor.derivatives(p, t, drive_motor.State(y[0]), u)
-
-    want = solve_ivp(slope, (0.0, h), [5.0], method="DOP853", rtol=1e-13, atol=1e-12).y[0, -1]
-    assert got.tau == pytest.approx(want, rel=1e-10)
 
 
 def test_integrator_has_order_five() -> None:

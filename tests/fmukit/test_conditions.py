@@ -15,12 +15,10 @@ from typing import Any
 import pytest
 
 from fmukit.codegen import python
-from fmukit.codegen.c import definition
 from fmukit.codegen.entries import generate
 from fmukit.fmu.load import load
-from fmukit.trace.graph import Function, Leaf, UntraceableError
+from fmukit.trace.graph import Function, UntraceableError
 from fmukit.trace.tracer import Tracer, record_note
-from tests.fmukit.test_native import sort_of
 
 NUMBERS = itertools.count()
 HEAD = "from __future__ import annotations\nfrom math import sqrt, sin\nfrom typing import NamedTuple\n"
@@ -128,17 +126,17 @@ def of(module: ModuleType) -> Callable[..., Any]:
     return call
 
 
-def traced(run: Callable[..., Any], module: ModuleType) -> list[Function]:
+def trace_functions(run: Callable[..., Any], module: ModuleType) -> list[Function]:
     """A function of three numbers, after those of the module that it calls."""
     tracer = Tracer(module, {})
     tracer.trace_entry("entry", run, x=0.0, y=0.0, z=0.0)
     return [function for function in tracer.functions.values() if function]
 
 
-def printed(run: Callable[..., Any], module: ModuleType) -> Callable[..., Any]:
+def print_and_load(run: Callable[..., Any], module: ModuleType) -> Callable[..., Any]:
     """The function as it is printed in Python, which takes `note` first."""
     made: dict[str, Any] = {}
-    exec(python.module(traced(run, module), ("entry",)), made)  # noqa: S102
+    exec(python.module(trace_functions(run, module), ("entry",)), made)  # noqa: S102
     entry: Callable[..., Any] = made["entry"]
     return entry
 
@@ -162,7 +160,7 @@ def numbers_at_random() -> Iterator[list[float]]:
 @pytest.mark.parametrize("body", BODIES.values(), ids=list(BODIES))
 def test_a_condition_of_any_form_computes_what_python_does(body: str, tmp_path: Path) -> None:
     module = module_of(function_of(body), tmp_path)
-    entry = printed(of(module), module)
+    entry = print_and_load(of(module), module)
     answers = set()
     for numbers in numbers_at_random():
         expected = answer(module.f, *numbers)
@@ -182,7 +180,7 @@ def test_conditions_around_sentences_tell_those_that_python_yields(tmp_path: Pat
         for sentence in module.check(x, y, z):
             record_note(sentence)
 
-    entry, told = printed(tell, module), []
+    entry, told = print_and_load(tell, module), []
     for numbers in numbers_at_random():
         sentences: list[str] = []
         entry(sentences.append, *numbers)
@@ -191,26 +189,11 @@ def test_conditions_around_sentences_tell_those_that_python_yields(tmp_path: Pat
     assert len(set(told)) > 5
 
 
-def test_what_follows_a_condition_is_written_once(tmp_path: Path) -> None:
-    body = "for _ in range(6):\n    x = x + 1.0 if x > y else x * y\nreturn x"
-    module = module_of(function_of(body), tmp_path)
-    function, *_ = traced(of(module), module)
-    assert isinstance(function.tree, Leaf)
-    assert len(definition(function).splitlines()) < 60
-
-
-def test_an_arm_that_fails_keeps_its_position_among_what_may_fail(tmp_path: Path) -> None:
-    body = "a = 1.0 / x\nif y < 0.0:\n    raise ValueError(f'y = {y!r}')\nreturn a + 1.0 / y"
-    module = module_of(function_of(body), tmp_path)
-    function, *_ = traced(of(module), module)
-    assert list(map(sort_of, function.tree.nodes)) == ["/", "Join", "/", "+"]
-
-
 def test_more_paths_than_can_be_followed_are_refused_with_the_function(tmp_path: Path) -> None:
     lines = [f"if x > {n}.0:\n    a.append(y)" for n in range(12)]
     module = module_of(function_of("\n".join(["a = [z]", *lines, "return sum(a)"])), tmp_path)
     with pytest.raises(UntraceableError, match="more than 1024 paths through f"):
-        traced(of(module), module)
+        trace_functions(of(module), module)
 
 
 SATURATED = '''"""Saturations in a row"""
@@ -236,7 +219,7 @@ def outputs(p, t, x, u):
 '''
 
 
-def saturated(count: int, folder: Path) -> Path:
+def write_saturations(count: int, folder: Path) -> Path:
     """A model whose slope passes so many saturations, of two forms."""
     lines = []
     for n in range(count):
@@ -254,7 +237,7 @@ def test_saturations_in_a_row_are_traced_in_proportion_to_their_number(tmp_path:
     """As many more cost as many more calls, and as much more source; the first model fills the caches."""
     calls, sizes = [], []
     for count in (1, 13, 37, 61):
-        profile, model = cProfile.Profile(), load(saturated(count, tmp_path))
+        profile, model = cProfile.Profile(), load(write_saturations(count, tmp_path))
         sizes.append(len(profile.runcall(generate, model).c))
         calls.append(sum(entry.callcount for entry in profile.getstats()))
     for cost in (calls, sizes):

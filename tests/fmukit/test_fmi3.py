@@ -10,16 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from fmpy import extract, fmi3, read_model_description, simulate_fmu
+from fmpy import extract, fmi3, read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.validation import validate_fmu
 
 from fmukit.declare.interface import component_name
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, TRIED
-from tests.fmukit.test_exchange import EXPERIMENTS, STUCK, events_of
+from tests.fmukit.test_exchange import STUCK, events_of
 from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS
 from tests.hosts.host import Unit
 
@@ -110,37 +109,6 @@ def test_steps_are_those_of_fmi_2_to_the_last_bit(name: str, fmus: Path) -> None
             old.set(**inputs(n * h)).step(n * h, h)
             new.set(**inputs(n * h)).fmi.doStep(n * h, h)
             assert new.outputs() == old.outputs()
-
-
-def played(fmu: Path, name: str, kind: str, stop: float = 0.0, **options: Any) -> Any:
-    """All outputs of the default experiment, or to another stop [s], by FMPy."""
-    stop, step = stop or MODELS[name].EXPERIMENT.stop, MODELS[name].EXPERIMENT.step
-    outputs = [v.name for v in read_model_description(str(fmu)).modelVariables]
-    return simulate_fmu(
-        str(fmu), fmi_type=kind, stop_time=stop, output_interval=step, relative_tolerance=1e-10,
-        output=[n for n in outputs if n != "time" and "indicator" not in n], **options,
-    )  # fmt: skip
-
-
-USUAL = ("DriveMotor", {}), ("IronDrive", STUCK | {"tau": 0.03}), ("GravityOrientator", {})
-
-
-@pytest.mark.parametrize(
-    "case",
-    [c if c[:2] in USUAL else pytest.param(c, marks=pytest.mark.slow) for c in EXPERIMENTS],
-    ids=lambda c: f"{c[0]}-{c[1]}-{c[2]}",
-)
-def test_fmpy_plays_both_versions_to_the_last_bit(case: Any, fmus: Path) -> None:
-    """In model exchange; those of FMI 2.0 are those of co-simulation, in `test_exchange`."""
-    name, start, stop = case
-    new, old = (
-        played(fmu, name, "ModelExchange", stop, start_values=start)
-        for fmu in (built(name), fmus / "native" / f"{name}.fmu")
-    )
-    assert len(new) > 100
-    assert {*new.dtype.names} == {*old.dtype.names}
-    for variable in new.dtype.names:
-        assert np.array_equal(new[variable], old[variable])
 
 
 @pytest.mark.parametrize(

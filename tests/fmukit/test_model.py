@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 from fmukit.codegen.entries import generate
 from fmukit.declare.interface import Interface, co_simulation_only_reason
-from fmukit.declare.model import DEFAULTS, RECORDS, Model, complete_model
+from fmukit.declare.model import DEFAULTS
 from fmukit.declare.record import start
 from fmukit.fmu.contract import FUNCTIONS
 from fmukit.fmu.load import ModelError, load
@@ -78,7 +77,7 @@ def without(*names: str) -> str:
     return text
 
 
-def loaded(text: str, folder: Path) -> Any:
+def load_text(text: str, folder: Path) -> Any:
     path = folder / "wheel.py"
     path.write_text(text)
     return load(path)
@@ -102,23 +101,10 @@ def test_each_optional_name_may_be_missing_and_matters_where_it_is_not(
     name: str, tmp_path: Path
 ) -> None:
     names = PAIR if name in PAIR else (name,)
-    model = loaded(without(*names), tmp_path)
+    model = load_text(without(*names), tmp_path)
     assert [getattr(model, n) for n in names] == [DEFAULTS[n] for n in names]
-    assert behaviour(model) != behaviour(loaded(COMPLETE, tmp_path))
+    assert behaviour(model) != behaviour(load_text(COMPLETE, tmp_path))
     assert generate(model).indicators == (name not in PAIR)
-
-
-def test_the_table_has_all_that_a_model_may_lack() -> None:
-    needed = {"__name__", "__file__", "EXPERIMENT", "derivatives", "outputs", *RECORDS}
-    assert Model.__annotations__.keys() == needed | DEFAULTS.keys()
-    assert FUNCTIONS.keys() <= Model.__annotations__.keys()
-
-
-def test_a_model_is_completed_once() -> None:
-    model: Any = ModuleType("empty", "Nothing in it")
-    first = dict(vars(complete_model(model)))
-    assert vars(complete_model(model)) == first
-    assert first.keys() >= DEFAULTS.keys()
 
 
 @pytest.mark.parametrize("name", [*DEFAULTS, "derivatives", "outputs"])
@@ -131,7 +117,7 @@ def test_a_misspelt_name_is_refused_with_what_to_write(name: str, tmp_path: Path
         )
         refusal = f"wheel.py:{line}: nothing uses {misspelt}: write {form}"
         with pytest.raises(ModelError, match=re.escape(refusal)):
-            loaded(text, tmp_path)
+            load_text(text, tmp_path)
 
 
 def test_a_misspelt_constant_with_a_type_and_a_misspelt_record_are_refused(tmp_path: Path) -> None:
@@ -140,12 +126,12 @@ def test_a_misspelt_constant_with_a_type_and_a_misspelt_record_are_refused(tmp_p
         ("class Inputs", "class Input", "class Inputs"),
     ):
         with pytest.raises(ModelError, match=f"nothing uses .*: write {form}$"):
-            loaded(COMPLETE.replace(right, wrong), tmp_path)
+            load_text(COMPLETE.replace(right, wrong), tmp_path)
 
 
 def test_a_helper_may_have_almost_the_name_of_an_optional_function(tmp_path: Path) -> None:
     text = without("complete_state").replace("x.w * p.c", "completed_state(x) * p.c")
-    model = loaded(text + "def completed_state(x):\n    return x.w\n", tmp_path)
+    model = load_text(text + "def completed_state(x):\n    return x.w\n", tmp_path)
     assert model.complete_state is DEFAULTS["complete_state"]
 
 
@@ -153,11 +139,11 @@ def test_a_helper_may_have_almost_the_name_of_an_optional_function(tmp_path: Pat
 def test_a_function_with_other_arguments_is_refused(name: str, tmp_path: Path) -> None:
     text = re.sub(rf"def {name}\(.*\)", f"def {name}(p, z, y, x, w, v, u)", COMPLETE)
     with pytest.raises(ModelError, match=re.escape(f"write def {name}({FUNCTIONS[name]})")):
-        loaded(text, tmp_path)
+        load_text(text, tmp_path)
 
 
 def test_the_complete_wheel_uses_all_its_parts(tmp_path: Path) -> None:
-    warnings, rows, sentences, *_ = behaviour(loaded(COMPLETE, tmp_path))
+    warnings, rows, sentences, *_ = behaviour(load_text(COMPLETE, tmp_path))
     assert (warnings, sentences) == (["unusual"], ["bump"])
     assert rows[0].w == 7.0
     assert np.array(rows)[:, 2].tolist() == [0.0] * 3 + [1.0] * 7

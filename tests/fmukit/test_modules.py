@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmukit.codegen import entries
 from fmukit.fmu.load import ModelError, load
 from fmukit.fmu.make import make_all
 from fmukit.fmu.python import package
 from fmukit.trace.modules import modules
-from tests.fmukit.test_strangers import agreed, run
+from tests.fmukit.test_strangers import compare_with_equations, run
 from tests.hosts.host import Equations, Unit
 
 DECLARATIONS = """
@@ -55,7 +54,7 @@ def derivatives(p, t, x, u):
 FILES = {"declarations.py": DECLARATIONS, "geometry.py": GEOMETRY}
 
 
-def written(folder: Path, name: str = "model.py", **changes: str) -> Path:
+def write_model(folder: Path, name: str = "model.py", **changes: str) -> Path:
     """The file of the model in this folder, with the files beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     files = {name: MODEL, **FILES}
@@ -67,25 +66,13 @@ def written(folder: Path, name: str = "model.py", **changes: str) -> Path:
 
 @pytest.mark.parametrize("name", ["model.py", "swing.py"])
 def test_a_model_of_several_files_computes_as_its_equations(name: str, tmp_path: Path) -> None:
-    path = written(tmp_path / "swing", name)
+    path = write_model(tmp_path / "swing", name)
     assert not make_all([path], "both", tmp_path)
-    assert np.ptp(agreed(path, tmp_path)[:, 1]) > 1.0
-
-
-def test_several_files_and_a_single_file_give_the_same_source(tmp_path: Path) -> None:
-    path, single = written(tmp_path / "swing"), tmp_path / "one" / "model.py"
-    single.parent.mkdir()
-    body = MODEL.replace("geometry.length", "length")
-    text = "\n".join((body.partition("\n")[0], DECLARATIONS, GEOMETRY, body.partition("\n")[2]))
-    lines = [line for line in text.splitlines() if not line.startswith("from .")]
-    single.write_text("\n".join(lines))
-    sources = [entries.generate(load(file)) for file in (path, single)]
-    assert sources[0].python == sources[1].python
-    assert sources[0].c.replace("Swing", "One").replace("swing", "one") == sources[1].c
+    assert np.ptp(compare_with_equations(path, tmp_path)[:, 1]) > 1.0
 
 
 def test_a_model_that_is_not_traced_carries_its_files(tmp_path: Path) -> None:
-    path = written(tmp_path / "swing", model=MODEL + 'PYTHON_ONLY = "a test"\n')
+    path = write_model(tmp_path / "swing", model=MODEL + 'PYTHON_ONLY = "a test"\n')
     assert not make_all([path], "python", tmp_path)
     fmu = tmp_path / "Swing.fmu"
     names = {Path(name).name for name in zipfile.ZipFile(fmu).namelist()}
@@ -95,7 +82,7 @@ def test_a_model_that_is_not_traced_carries_its_files(tmp_path: Path) -> None:
 
 
 def test_a_change_of_any_file_makes_another_fmu(tmp_path: Path) -> None:
-    path = written(tmp_path / "swing")
+    path = write_model(tmp_path / "swing")
     guids = [package.hashed_build(load(path)).guid]
     for file in (path, *(path.with_name(name) for name in FILES)):
         file.write_text(file.read_text() + "# changed\n")
@@ -106,9 +93,9 @@ def test_a_change_of_any_file_makes_another_fmu(tmp_path: Path) -> None:
 
 
 def test_models_of_the_same_name_keep_to_their_files(tmp_path: Path) -> None:
-    first = load(written(tmp_path / "a" / "swing"))
+    first = load(write_model(tmp_path / "a" / "swing"))
     second = load(
-        written(tmp_path / "b" / "swing", geometry=GEOMETRY.replace("p.l / 2", "p.l / 3"))
+        write_model(tmp_path / "b" / "swing", geometry=GEOMETRY.replace("p.l / 2", "p.l / 3"))
     )
     names = {module.__name__.rpartition(".")[2] for module in modules(first)}
     assert names == {"model", "declarations", "geometry"}
@@ -139,7 +126,7 @@ def test_models_of_the_same_name_keep_to_their_files(tmp_path: Path) -> None:
 def test_a_refusal_names_the_line_of_its_file(
     changes: dict[str, str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = written(tmp_path / "swing", **changes)
+    path = write_model(tmp_path / "swing", **changes)
     assert len(make_all([path], "python", tmp_path)) == 1
     assert f"{path.parent}/{message}" in capsys.readouterr().err
     with pytest.raises(ModelError, match="there is no file"):

@@ -41,7 +41,7 @@ def test_every_fmu_has_a_valid_folder_with_its_icon(both: Path) -> None:
     )
 
 
-def changed(ends: dict[str, tuple[str, ...]]) -> ModuleType:
+def with_flanges(ends: dict[str, tuple[str, ...]]) -> ModuleType:
     return SimpleNamespace(**vars(gearbox) | {"FLANGES": ends})  # type: ignore[return-value]
 
 
@@ -57,4 +57,4 @@ def changed(ends: dict[str, tuple[str, ...]]) -> ModuleType:
 )
 def test_what_is_no_shaft_end_is_refused(ends: tuple[str, ...], message: str) -> None:
     with pytest.raises(ValueError, match=r"FLANGES\['end'\].*" + message):
-        flanges(Interface(changed({"end": ends})))
+        flanges(Interface(with_flanges({"end": ends})))

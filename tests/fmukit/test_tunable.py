@@ -9,12 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmpy import read_model_description
 
 from cosim import Series, System, run
 from fmukit.declare.interface import Interface
 from tests.fmukit.test_fmi3 import built
-from tests.fmukit.test_native import MODELS
 from tests.hosts.host import Unit
 
 FOLDERS = {"python": ".", "native": "native", "fmi3": "fmi3"}
@@ -133,18 +131,6 @@ def test_the_check_of_a_model_also_holds_in_motion(fmus: Path) -> None:
     unit = Unit(fmus / "native" / "IronDrive.fmu").start()
     call: Callable[[Unit], Any] = lambda u: u.set(**{"friction.K_down": -1.5}).step(0.0, 1e-3)
     assert "friction: -1 < K_down <= 0 <= K_up violated" in unit.refusal(call)
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_all_flavours_agree_on_what_is_tunable(name: str, fmus: Path) -> None:
-    variables = Interface(MODELS[name]).variables
-    tunable = {v.name for v in variables if v.variability == "tunable"}
-    assert all(v.causality == "parameter" for v in variables if v.variability == "tunable")
-    for path in FOLDERS.values():
-        fmu = fmus / path / f"{name}.fmu"
-        if fmu.exists():
-            described = read_model_description(str(fmu)).modelVariables
-            assert {v.name for v in described if v.variability == "tunable"} == tunable
 
 
 def test_only_a_parameter_is_tunable(tmp_path: Path) -> None:

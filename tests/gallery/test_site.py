@@ -4,7 +4,6 @@ file and offline.
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -18,10 +17,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from lxml import html
 
-from cosim import SetupError
-from gallery.__main__ import SIGN, build_site
+from gallery.__main__ import build_site
 from gallery.answers import Answered
-from gallery.drawings import drawings
 from scenarios.project import PROJECT
 from tests.conftest import QUICK, ROOT, ask
 from tests.pictures import differ
@@ -29,7 +26,6 @@ from tests.test_docs import SITE_COMMAND
 from tests.workbench.browser import Browser
 from tests.workbench.test_report import page_browser
 from workbench.export import PAGE, write
-from workbench.files import UNFINISHED
 
 __all__ = ["page_browser"]
 LARGEST = 3_000_000
@@ -58,63 +54,15 @@ def full_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_site_is_replaced_when_it_is_complete_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    site = tmp_path / "site"
-
-    def built(text: str) -> None:
-        def fake(_answers: object, source: Path, target: Path) -> None:
-            for folder in (source, target):
-                folder.mkdir()
-                (folder / "index.html").write_text(text)
-            if not text:
-                raise KeyboardInterrupt
-            (target / SIGN).touch()
-
-        monkeypatch.setattr("gallery.__main__._write_site", fake)
-        build_site([], tmp_path)
-
-    site.mkdir()
-    (site / "mine.txt").write_text("mine")
-    with pytest.raises(SetupError, match="is no earlier site: move it"):
-        built("first")
-    assert (site / "mine.txt").read_text() == "mine"
-    (site / "mine.txt").unlink()
-    site.rmdir()
-    built("first")
-    with pytest.raises(KeyboardInterrupt):
-        built("")
-    assert (site / "index.html").read_text() == "first"
-    (tmp_path / UNFINISHED).mkdir()  # as a killed build leaves it
-    built("second")
-    assert (site / "index.html").read_text() == "second"
-    assert [path.name for path in tmp_path.iterdir()] == ["site"]
-
-
-def test_a_reference_is_the_same_in_every_process() -> None:
-    """Names that differ in capitals alone, such as limit and Limit, have one order, whatever that of a set is."""
-    text = "from gallery import reference; print(reference.package_page('cosim'))"
-    pages = [
-        subprocess.run(
-            [sys.executable, "-c", text], cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed},
-            check=True, capture_output=True,
-        ).stdout
-        for seed in "123"
-    ]  # fmt: skip
-    assert pages[0].count(b"`crosscheck`") == 1
-    assert len(set(pages)) == 1
-
-
 @cache
-def parsed(page: Path) -> Any:
+def parse_page(page: Path) -> Any:
     return html.parse(str(page)).getroot()
 
 
 @cache
 def names(page: Path) -> frozenset[str]:
     """What a link may lead to within a page."""
-    return frozenset(parsed(page).xpath("//@id"))
+    return frozenset(parse_page(page).xpath("//@id"))
 
 
 def pages(site: Path) -> list[Path]:
@@ -123,7 +71,7 @@ def pages(site: Path) -> list[Path]:
 
 def wrong(page: Path, site: Path) -> Iterator[str]:
     """What is missing in a page, and the links that lead nowhere or fetch something."""
-    tree = parsed(page)
+    tree = parse_page(page)
     for what in ("/html[@lang]", "//title[string-length() > 3]", "//meta[@name='viewport']"):
         if not tree.xpath(what):
             yield f"no {what}"
@@ -153,7 +101,9 @@ def wrong(page: Path, site: Path) -> Iterator[str]:
 
 def weight(page: Path) -> int:
     """How many bytes a page loads, with what stands in its frames."""
-    loaded = parsed(page).xpath("//script/@src | //link[@rel='stylesheet']/@href | //iframe/@src")
+    loaded = parse_page(page).xpath(
+        "//script/@src | //link[@rel='stylesheet']/@href | //iframe/@src"
+    )
     return sum((page.parent / urlsplit(link).path).stat().st_size for link in {*loaded, page.name})
 
 
@@ -182,7 +132,8 @@ def looked_at(browser: Browser, pages: Sequence[Path]) -> dict[str, list[str]]:
             browser.value(f"{axe}; 0")
             messages += browser.value(AXE)
             wide = browser.value("document.documentElement.scrollWidth - innerWidth")
-            messages += [f"{wide} pixels too wide"] * (wide > 0)
+            if wide > 0:
+                messages.append(f"{wide} pixels too wide")
             messages += map(str, browser.reported("Runtime.exceptionThrown"))
             messages += map(str, browser.reported("Log.entryAdded"))
             requests = [x["request"]["url"] for x in browser.reported("Network.requestWillBeSent")]
@@ -213,17 +164,6 @@ def test_pages_are_for_everybody_and_need_no_network(site: Path, page_browser: B
     assert not looked_at(page_browser, [site / name for name in LOOKED_AT])
 
 
-@pytest.mark.slow
-def test_the_live_model_on_the_first_page_fills_its_frame(
-    site: Path, page_browser: Browser
-) -> None:
-    page_browser.open(site / "index.html", 1280)
-    frame = "document.querySelector('iframe.live')"
-    page_browser.until(f"parseFloat({frame}.style.height) > 800")
-    page_browser.open(site / "questions/resonance/report.html", 1280)
-    assert page_browser.value("document.documentElement.className") == ""
-
-
 def test_the_search_finds_a_page_from_a_file(site: Path, page_browser: Browser) -> None:
     page_browser.open(site / "search.html", 1280)
     page_browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
@@ -236,11 +176,6 @@ def test_so_is_the_site_that_the_command_makes(full_site: Path, page_browser: Br
     site = full_site / "site"
     assert not problems(site)
     assert not looked_at(page_browser, [page for page in pages(site) if page.name != PAGE])
-
-
-def test_drawings_of_machines_are_those_of_their_mechanisms() -> None:
-    for path, drawing in drawings().items():
-        assert path.read_text(encoding="utf-8") == drawing, path
 
 
 @pytest.mark.slow

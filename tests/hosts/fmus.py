@@ -28,16 +28,6 @@ def lives(fmu: str) -> list[float]:
 
 
 @in_subprocess
-def crowd(fmu: str, name: str, values: list[float]) -> list[list[float]]:
-    """Outputs of instances that live at once, each with its own value of one input."""
-    units = [Unit(fmu).start(**{name: value}) for value in values]
-    for n in range(10):
-        for unit in units:
-            unit.step(n * 1e-3, 1e-3)
-    return [unit.outputs() for unit in units]
-
-
-@in_subprocess
 def versions(fmus: list[str]) -> list[float]:
     """Torque of several builds side by side, in a host that has modules of the same names."""
     for name in ("components", "drive_motor", "fmu", "fmukit", "fmukit.fmu"):

@@ -84,10 +84,10 @@ CARELESS: list[list[Any]] = [
 @in_subprocess
 def misuse(fmu: str) -> dict[str, list[Any]]:
     """What follows every misuse of an FMU, by its reason."""
-    return {reason: misused(fmu, act) for reason, act in MISUSE[Path(fmu).stem].items()}
+    return {reason: misuse_twice(fmu, act) for reason, act in MISUSE[Path(fmu).stem].items()}
 
 
-def misused(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
+def misuse_twice(fmu: str, act: Callable[[Unit], Any]) -> list[Any]:
     """Two failures, each followed by a host that does not look, a reset and a proper step."""
     paths, before = len(sys.path), living(fmu)
     refusals, plausible, recovered = set(), [], set()
@@ -230,7 +230,7 @@ def on_python_threads(fmu: str) -> list[Any]:
 
 
 @in_subprocess
-def interrupted(fmu: str) -> list[Any]:
+def interrupt(fmu: str) -> list[Any]:
     """What is logged when Ctrl-C arrives during a step of an hour, and a step after it."""
     unit = Unit(fmu, "unit 7").start()
     signal.signal(signal.SIGALRM, signal.default_int_handler)

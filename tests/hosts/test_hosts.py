@@ -1,6 +1,5 @@
 """The FMUs in hosts that are not ours: libcosim, Ecos, and programs without Python."""
 
-import csv
 import json
 import os
 import re
@@ -10,7 +9,6 @@ import sys
 import sysconfig
 import zipfile
 from dataclasses import asdict, dataclass, replace
-from importlib.util import find_spec
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,8 +18,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from cosim import SetupError, System, run, write_osp, write_ssp
-from tests.cosim.test_cosim import halves
+from cosim import System, run, write_osp, write_ssp
 from tests.fmukit.test_fmi3 import built
 
 HOSTS = Path(__file__).parent
@@ -71,7 +68,6 @@ PAIR = Case(
     {},
     RECORD,
 )
-CHANGED = replace(PAIR, start={"motor.T": 0.05, "conveyor.trough.d": 3000.0})
 CASES = {
     "conveyor": PAIR,
     "iron drive": Case(
@@ -148,14 +144,22 @@ HOSTED = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.parametrize("host", ["libcosim", "ecos"])
 @HOSTED
-def test_libcosim_reproduces_our_jacobi_master(name: str, flavour: str, fmus: Path) -> None:
-    """Its n-th step ends at n*step; it steps by a difference of times, hence not to the bit."""
-    case, both = CASES[name], fmus / flavour
-    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(both))
+def test_a_host_reproduces_our_jacobi_master(
+    host: str, name: str, flavour: str, fmus: Path
+) -> None:
+    """libcosim steps by a difference of times, hence not to the bit; Ecos does, from the initial values on,
+    although it steps the FMUs in several threads.
+    """
+    case, folder = CASES[name], fmus / flavour
+    done = finish(sys.executable, HOSTS / f"{host}_system.py", case.task(folder))
     time, *values = np.transpose(json.loads(done.stdout))
-    assert_array_equal(time, 1e9 * case.step * np.arange(1, case.steps + 1))
-    assert_allclose(np.transpose(values), case.ours(both)[1:], rtol=1e-10, atol=1e-12)
+    first, unit, rel, abs_ = (
+        (1, 1e9, 1e-10, 1e-12) if host == "libcosim" else (0, 1.0, 0.0, case.clock)
+    )
+    assert_allclose(time, unit * case.step * np.arange(first, case.steps + 1), rtol=1e-12)
+    assert_allclose(np.transpose(values), case.ours(folder)[first:], rtol=rel, atol=abs_)
 
 
 @pytest.mark.parametrize("kind", ["ssp", "osp"])
@@ -197,52 +201,6 @@ def test_libcosim_runs_types_and_wires(fmus: Path, echo: Path, kind: str, tmp_pa
     assert ours[-1][0] > 1e4 * ord("B") + 1030.5
 
 
-def test_libcosim_adds_as_we_do(fmus: Path, tmp_path: Path) -> None:
-    system = halves(fmus / "native")
-    write_osp(system, tmp_path, step=STEP)
-    record = ["conveyor.w", "motor.tau", "other.tau"]
-    task = Case(dict.fromkeys(system.parts, ""), [], {}, record).task(fmus)
-    done = finish(sys.executable, HOSTS / "libcosim_system.py", task, tmp_path)
-    _, *values = np.transpose(json.loads(done.stdout))
-    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi", record=record)
-    assert_allclose(values, [result[name][1:] for name in record], rtol=1e-10, atol=1e-12)
-
-
-def test_osp_structure_carries_initial_outputs_and_times(fmus: Path, tmp_path: Path) -> None:
-    """libcosim takes the start of an output from this file, not from an SSP."""
-    case = replace(CHANGED, start={**CHANGED.start, "motor.tau": 3.0, "motor.characteristic": 0})
-    write_osp(case.system(fmus), tmp_path / "osp", step=STEP, stop=2.0)
-    done = finish(sys.executable, HOSTS / "libcosim_system.py", case.task(fmus), tmp_path / "osp")
-    _, *values = np.transpose(json.loads(done.stdout))
-    assert_allclose(np.transpose(values), case.ours(fmus)[1:], rtol=1e-10, atol=1e-12)
-    text = (tmp_path / "osp" / "OspSystemStructure.xml").read_text()
-    assert "<BaseStepSize>0.001</BaseStepSize>" in text
-    assert "<EndTime>2.0</EndTime>" in text
-
-
-def test_osp_structure_refuses_what_libcosim_would_drop(fmus: Path, tmp_path: Path) -> None:
-    system = replace(CHANGED, start={"motor.characteristic": 1}).system(fmus)
-    with pytest.raises(SetupError, match=r"motor\.characteristic = 1: libcosim cannot set an Enum"):
-        write_osp(system, tmp_path / "osp", step=STEP)
-    with pytest.raises(SetupError, match=r"step = 0\.0 s must be above 0"):
-        write_osp(PAIR.system(fmus), tmp_path / "osp", step=0.0)
-    parts = dict.fromkeys(("first", "second"), fmus / "GravityOrientator.fmu")
-    inputs = {f"{name}.{x}": 1 for name in parts for x in ("w", "release")}
-    with pytest.raises(SetupError, match="Enumeration"):
-        write_osp(System(parts, ["first.stage -> second.w"], inputs), tmp_path, step=STEP)
-    assert list(tmp_path.iterdir()) == []
-
-
-@HOSTED
-def test_ecos_reproduces_our_jacobi_master_to_the_bit(name: str, flavour: str, fmus: Path) -> None:
-    """From the initial values on, although Ecos steps the FMUs in several threads."""
-    case, both = CASES[name], fmus / flavour
-    done = finish(sys.executable, HOSTS / "ecos_system.py", case.task(both))
-    time, *values = np.transpose(json.loads(done.stdout))
-    assert_allclose(time, case.step * np.arange(case.steps + 1), rtol=1e-12)
-    assert_allclose(np.transpose(values), case.ours(both), rtol=0.0, atol=case.clock)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("folders", [("fmi3", "fmi3"), ("fmi3", "native"), ("native", "fmi3")])
 def test_ecos_reproduces_our_jacobi_master_with_fmi_3(folders: tuple[str, str], fmus: Path) -> None:
@@ -256,40 +214,6 @@ def test_ecos_reproduces_our_jacobi_master_with_fmi_3(folders: tuple[str, str], 
     values = np.transpose(np.transpose(json.loads(done.stdout.splitlines()[-1]))[1:])
     assert_array_equal(values, case.ours(fmus))
     assert_array_equal(values, PAIR.ours(fmus / "native"))
-
-
-@pytest.mark.parametrize("motor", ["motor", "line.motor"])
-def test_ecos_program_without_python_prints_what_our_jacobi_master_computes(
-    both: Path, starter: list[str], motor: str, tmp_path: Path
-) -> None:
-    """The program of the Ecos wheel reads our SSP and prints six decimals.
-
-    One system with FMUs as they are, and one with a subsystem, scaled wires and parameters.
-    """
-    parts = {motor: both / "DriveMotor.fmu", "conveyor": both / "CrankConveyor.fmu"}
-    system = System(parts, [f"{motor}.tau -> conveyor.tau", f"conveyor.w -> {motor}.w"])
-    if motor != "motor":
-        wires = [f"{motor}.tau * 1.25 - 0.5 -> conveyor.tau", f"conveyor.w => {motor}.w"]
-        start = {f"{motor}.T": 0.05, "conveyor.rod.finite": True, "conveyor.trough.d": 3000.0}
-        system = System(parts, wires, start)
-    spec = find_spec("ecospy")
-    assert spec and spec.origin
-    program = Path(shutil.copy(Path(spec.origin).parent / "binaries" / "ecos", tmp_path))
-    program.chmod(0o755)
-    write_ssp(system, tmp_path / "pair.ssp")
-    call = [program, "simulate", "--path", "pair.ssp", "--stepSize", STEP]
-    call += ["--stopTime", (STEPS + 0.5) * STEP]
-    call += ["--parameterSet", "start"] if system.start else []
-    folders = {"LD_LIBRARY_PATH": f"{sys.prefix}/lib", "TMPDIR": str(tmp_path)}
-    finish(*starter, *call, cwd=tmp_path, **folders)
-    with (tmp_path / "pair.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file, skipinitialspace=True))
-    columns = {f"{motor}::tau[REAL]": f"{motor}.tau"}
-    columns |= {f"conveyor::{name}[REAL]": f"conveyor.{name}" for name in ("w", "phi", "x")}
-    printed = [[row[column] for column in columns] for row in rows]
-    result = run(system, stop=STEPS * STEP, step=STEP, algorithm="jacobi")
-    ours = zip(*(result[name] for name in columns.values()))
-    assert printed == [[f"{value:.6f}" for value in row] for row in ours]
 
 
 @pytest.mark.parametrize(
@@ -308,12 +232,12 @@ def test_a_host_without_python_may_close_libraries_in_any_order(
         folder = Path(fmpy.extract(both / f"{name}.fmu", tmp_path / letter))
         library = folder / "binaries" / "linux64" / f"{name}.so"
         arguments += [library, (folder / "resources").as_uri(), guid]
-    program = compiled("closing.c", tmp_path)
+    program = compile_host("closing.c", tmp_path)
     done = finish(*starter, program, opened, created, closed, *arguments)
     assert done.stdout == "end of main\n"
 
 
-def compiled(source: str, folder: Path) -> Path:
+def compile_host(source: str, folder: Path) -> Path:
     """A program made of one of the C files here."""
     if shutil.which("gcc") is None:
         pytest.skip("there is no gcc")
@@ -325,7 +249,7 @@ def compiled(source: str, folder: Path) -> Path:
 
 def c_program(fmu: Path, folder: Path, status: int) -> list[Any]:
     """The program host.c and what it is told; `status` is what a refused step returns."""
-    program = compiled("host.c", folder.parent)
+    program = compile_host("host.c", folder.parent)
     description = fmpy.read_model_description(fmu)
     reference = {v.name: v.valueReference for v in description.modelVariables}
     start_arguments = [text for name, value in START.items() for text in (reference[name], value)]

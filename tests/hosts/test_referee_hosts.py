@@ -6,7 +6,6 @@ import json
 import sys
 from pathlib import Path
 
-import fmpy
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,7 +20,7 @@ STOP = 0.2
 STATES = ("conveyor.phi", "conveyor.w", "motor.tau")
 
 
-def hosted(program: str, folder: Path, step: float) -> pd.DataFrame:
+def run_in_host(program: str, folder: Path, step: float) -> pd.DataFrame:
     """What another master makes of the drive."""
     system = drive(folder)
     task = {
@@ -41,7 +40,7 @@ def hosted(program: str, folder: Path, step: float) -> pd.DataFrame:
 @pytest.mark.parametrize("step", [2e-4, 1e-3, 4e-3])
 @pytest.mark.parametrize("program", ["libcosim_system.py", "ecos_system.py"])
 def test_masters_that_hold_inputs_are_named(native: Path, program: str, step: float) -> None:
-    frame = hosted(program, native, step)
+    frame = run_in_host(program, native, step)
     report = referee(drive(native), frame)
     times = frame["time"].to_numpy()  # Ecos adds its steps up and ends a rounding error late
     true = monolithic(DRIVE_START, max(STOP, times[-1]), times).y[:3]
@@ -51,17 +50,3 @@ def test_masters_that_hold_inputs_are_named(native: Path, program: str, step: fl
         assert (signal.verdict is Verdict.DIFFERS) == (distance > 0.01 * np.ptp(values))
     assert report.verdict is Verdict.DIFFERS
     assert report.causes[0].kind == "held inputs" and f"{step:g} s" in report.causes[0].text
-
-
-def test_fmpy_steps_a_single_fmu_rightly(native: Path) -> None:
-    """By co-simulation and by model exchange."""
-    fmu = native / "CrankConveyor.fmu"
-    system = drive(native, parts={"conveyor": fmu}, wires=(), start={"conveyor.tau": 20.0})
-    for kind in ("CoSimulation", "ModelExchange"):
-        rows = fmpy.simulate_fmu(
-            fmu, fmi_type=kind, stop_time=STOP, output_interval=1e-3, start_values={"tau": 20.0},
-            relative_tolerance=1e-9,
-        )  # fmt: skip
-        report = referee(system, pd.DataFrame(rows))
-        assert report.verdict is Verdict.AGREES, report.text()
-        assert len(report.signals) == len(rows.dtype.names) - 1

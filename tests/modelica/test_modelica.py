@@ -157,7 +157,7 @@ LONG = ("ControlledChain", "LooseChain")
 
 
 @cache
-def compiled(name: str) -> Any:
+def compile_model(name: str) -> Any:
     """The Modelica class; a single machine with its inputs as parameters of a bench."""
     folder = Path(__file__).parent
     source = "\n".join((folder / file).read_text(encoding="utf-8") for file in FILES)
@@ -172,7 +172,7 @@ def compiled(name: str) -> Any:
     return rumoca.Session().loads(source, model=name)
 
 
-def translated(name: str) -> tuple[dict[str, str], list[str], dict[str, str]]:
+def parts_wires_names(name: str) -> tuple[dict[str, str], list[str], dict[str, str]]:
     """The parts of a drive by their classes, its wires, and names of the FMUs by those in Modelica."""
     parts, wires = DRIVES.get(name, ({"part": name}, []))
     names = {x: f"part.{x}" for x in INPUTS.get(name, {})} | SUPPLIES.get(name, {})
@@ -188,8 +188,8 @@ def translated(name: str) -> tuple[dict[str, str], list[str], dict[str, str]]:
 )
 def test_a_machine_moves_as_its_free_bodies_do(name: str, seed: int | None, native: Path) -> None:
     """With the parameters of the Modelica model, and with drawn ones; forces and all motions."""
-    model = compiled(name)
-    parts, wires, names = translated(name)
+    model = compile_model(name)
+    parts, wires, names = parts_wires_names(name)
     draw = random.Random(seed)
     values = {x: model.parameters[x].value for x in names}
     if seed is not None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import System, run
-from reference_systems.make import SPACING, exact_answer, write_system
+from reference_systems.make import SPACING, exact_answer
 from reference_systems.systems import SYSTEMS, build_fmus
 
 #: Error that the answers may have, in ranges: that of a stiff shaft, whose torque is a small difference of large numbers.
@@ -85,17 +82,6 @@ def test_the_error_falls_with_the_stated_order(
     assert np.log2(coarse / fine) > reference.orders[name] - 0.1
 
 
-def test_fmus_are_built_into_a_relative_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    quarter_car = {"quarter_car": SYSTEMS["quarter_car"]}
-    monkeypatch.setattr("reference_systems.systems.SYSTEMS", quarter_car)
-    assert not build_fmus(fmus=Path("made"))
-    made = {path.name for path in tmp_path.glob("made/reference/*/*.fmu")}
-    assert made == {"Wheel.fmu", "Chassis.fmu"}
-
-
 def test_without_a_compiler_systems_are_made_of_the_fmus_that_are_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -106,27 +92,3 @@ def test_without_a_compiler_systems_are_made_of_the_fmus_that_are_there(
     (error,) = build_fmus(fmus=tmp_path)
     assert 'write pip install "drive-fmus[native]"' in error
     assert capfd.readouterr().err == f"error: {error}\n"
-
-
-def test_the_files_of_a_system_are_what_the_page_says(tmp_path: Path) -> None:
-    write_system("stiff_bond", SYSTEMS["stiff_bond"], tmp_path)
-    for name, ssp, fmi in (("stiff_bond", "1.0", "2.0"), ("stiff_bond_fmi3", "2.0", "3.0")):
-        with zipfile.ZipFile(tmp_path / f"{name}.ssp") as archive:
-            assert f'version="{ssp}"' in archive.read("SystemStructure.ssd").decode()
-            members = [member for member in archive.namelist() if member.endswith(".fmu")]
-            with archive.open(members[0]) as fmu, zipfile.ZipFile(fmu) as inner:
-                assert f'fmiVersion="{fmi}"' in inner.read("modelDescription.xml").decode()
-    with (tmp_path / "stiff_bond_ref.csv").open() as file:
-        heading = next(csv.reader(file))
-    assert heading == ["time", *SYSTEMS["stiff_bond"].signals] and len(heading) <= 11
-    facts = json.loads((tmp_path / "stiff_bond_ref.json").read_text())
-    assert facts["orders"] and 0.0 < facts["difference_of_two_solutions"] <= 1.0
-
-
-@pytest.mark.parametrize("key", SYSTEMS)
-def test_both_versions_of_fmi_are_one_system(key: str) -> None:
-    runs = [
-        run(SYSTEMS[key].system(flavour), stop=0.02, step=2.5e-4) for flavour in ("native", "fmi3")
-    ]
-    for name in SYSTEMS[key].signals:
-        assert np.array_equal(runs[0][name], runs[1][name])
