@@ -348,6 +348,7 @@ def findings(
     }  # fmt: skip
     mains = kloss(plan.machine) if o.supply == MAINS else {}
     start = start_values(r.at(speed), speed) | mains
+    lost = every.columns["nu"][np.isnan(every.columns["tau2"])]
     return Findings(
         figures,
         r,
@@ -360,7 +361,11 @@ def findings(
             "rated_torque": o.rated_torque_or_default,
             "orbits": dict(plan.drive.counts),
         },
-        warnings=[f"No steady orbit at {nu:g} rad/s: {x}" for nu, x in every.problems().items()],
+        warnings=[
+            f"No steady orbit at {nu:g} rad/s: {x}"
+            for nu, x in every.problems().items()
+            if nu in lost
+        ],  # where one of two motions is lost the other one is told
         defaults={"speed": speed, "rated_torque": o.rated_torque_or_default, "speeds": plan.speeds},
     )
 
