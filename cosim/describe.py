@@ -56,7 +56,9 @@ def info(network: Network) -> Iterator[str]:
             for port in (Port(name, v) for v in variables if v.causality == causality):
                 note = f", {port.variable.description}" if port.variable.description else ""
                 yield f"  {causality:<7} {port}: {port.native}{note}"
-        yield f"  {sum(v.causality == 'parameter' for v in variables)} parameters"
+        for port in (Port(name, v) for v in variables if v.causality == "parameter"):
+            note = f", {port.variable.description}" if port.variable.description else ""
+            yield f"  parameter {port} = {port.variable.start}: {port.native}{note}"
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (

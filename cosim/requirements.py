@@ -279,5 +279,5 @@ def _times_where_no_step_ends(network: Network, settings: RunSettings) -> Iterat
             if settings.steps_until(time) is None:
                 yield (
                     f"{name} = {time!r} s must be a whole number of steps of {settings.step!r} s "
-                    f"after start, since {fixed[0]} cannot vary its step"
+                    f"after start, since {fixed[0]} cannot vary its step: write a step that divides it"
                 )

@@ -7,7 +7,7 @@ import html
 import json
 import os
 import stat
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache, cached_property
@@ -34,6 +34,31 @@ Provenance = dict[str, Any]
 MOST_EXACT = 2.0**53
 #: Curves that a notebook shows unasked. A convention: more do not fit on a screen.
 MOST_CURVES = 6
+
+
+#: Parts of a run whose peaks are compared, and how much each of the last ones exceeds that before. Chosen: in a stable
+#: system a signal that comes from rest has grown by the middle; t**12 grows less; 1e5 in half a run is no machine.
+PARTS = 10
+GROWTH = 10.0
+
+
+def growth_start(t: Rows, x: Rows) -> Rows:
+    """From when [s] on columns over times t [s] grow without bound, shape (columns,), nan for those that do not.
+
+    x has the shape (columns, rows). The size of what grows exceeds that of the part of the run before ten times, in each part
+    of the second half at least, or is no finite number at last.
+    """
+    edges = np.linspace(t[0], t[-1], PARTS + 1)[:-1]
+    first = np.searchsorted(t, edges)
+    if len(np.unique(first)) < PARTS:
+        return np.full(len(x), np.nan)
+    is_lost = ~np.isfinite(x)
+    peaks = np.maximum.reduceat(np.abs(np.where(is_lost, np.inf, x)), first, axis=1)
+    with np.errstate(invalid="ignore"):
+        grows = (peaks[:, 1:] >= GROWTH * peaks[:, :-1]) & (peaks[:, 1:] > 0.0)
+    late = (grows | np.isinf(peaks[:, 1:])) & (peaks[:, :-1] > 0.0)
+    since = PARTS - 1 - np.argmin(np.pad(late, ((0, 0), (1, 0)))[:, ::-1], axis=1)
+    return np.where(since < PARTS // 2, edges[since], np.nan)
 
 
 class Result(Series):
@@ -124,6 +149,22 @@ class Result(Series):
         """Warnings of the parts, as "part: sentence", and of bonds in which the coupling created energy."""
         warnings: list[str] = self.provenance["warnings"]
         return warnings
+
+    def doubts(self) -> Iterator[str]:
+        """What the rows themselves show to be wrong: signals without bound, whole numbers that doubles round."""
+        t = self.t
+        for column in self.columns[1:] if len(t) else ():
+            if column.kind is Kind.TEXT:
+                continue
+            x = self.numbers(column.name, gaps=True, finite=False)
+            if column.kind is Kind.INTEGER and np.abs(x).max() >= MOST_EXACT:
+                yield f"{column.name} exceeds 2^53: rows are doubles and do not hold its last digits"
+            start = float(growth_start(t, x[None])[0])
+            if not np.isnan(start):
+                yield (
+                    f"{column.name} grows without bound from {start:g} s on, to {x[-1]:.2g}: the system is unstable, or "
+                    "the step is too long for it; run it with half the step to tell which"
+                )
 
     @property
     def energy(self) -> dict[str, dict[str, float]]:

@@ -272,7 +272,7 @@ def _check(system: System, metrics: Metrics | None, settings: Mapping[str, Any])
         return
     start, stop = settings.get("start", 0.0), settings.get("stop", math.inf)
     ports = RunSettings(stop, stop, start, record=settings.get("record")).ports(connect(system))
-    columns = {port.name: port.column for port in ports}
+    columns = {column.name: column for column in (port.column for port in ports)}
     for metric in named:
         metric.check(columns, start, stop)
 

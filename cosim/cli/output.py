@@ -135,7 +135,7 @@ def print_written_files(options: argparse.Namespace, folders: Sequence[Path]) ->
 
 def print_warnings(result: Result) -> None:
     """Print the warnings of a result to the standard error."""
-    for warning in result.warnings:
+    for warning in (*result.warnings, *result.doubts()):
         print(f"warning: {warning}", file=sys.stderr)
 
 

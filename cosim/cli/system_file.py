@@ -37,6 +37,8 @@ from .output import require_separate_files
 
 #: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
 MAX_STEP_FRACTION = 1.0 + 1e-9
+#: The time [s] of a check where nothing states a stop: a convention of FMI, whose default experiment lasts 1 s.
+CHECKED_TIME = 1.0
 #: Commas in a name of --record, outside of brackets, at most. A convention: names of FMI may have any.
 MOST_COMMAS = 8
 FIELDS = {field.name for field in fields(RunSettings)}
@@ -60,6 +62,11 @@ class SystemFile:
         """The start time of the file [s], 0 where it states none."""
         return self.package.start or 0.0
 
+    @property
+    def states_step(self) -> bool:
+        """Whether the file or an FMU states a communication step."""
+        return self.package.step is not None or bool(describe.preferred_steps(self.network))
+
     def step(self, requested: float | None) -> float:
         """Return the step [s] that was requested, or the file's, or the shortest that an FMU prefers."""
         preferred = min(describe.preferred_steps(self.network).values(), default=None)
@@ -68,10 +75,14 @@ class SystemFile:
                 return step
         raise SetupError("no FMU prefers a communication step: give --step")
 
-    def times(self, options: argparse.Namespace) -> tuple[float, float]:
-        """Return start and stop [s] of the options or of the file; raise SetupError without a stop."""
+    def times(
+        self, options: argparse.Namespace, *, is_checked_only: bool = False
+    ) -> tuple[float, float]:
+        """Return start and stop [s] of the options or of the file; without a stop those of a check, else SetupError."""
         start = self.start if options.start is None else options.start
         stop = self.package.stop if options.stop is None else options.stop
+        if stop is None and is_checked_only:
+            stop = start + CHECKED_TIME
         if stop is None:
             raise SetupError(f"{' '.join(options.files)} states no stop time: give --stop")
         return start, stop
@@ -89,23 +100,31 @@ class SystemFile:
             stated = {}
         return stated | requested
 
-    def settings(self, options: argparse.Namespace) -> RunSettings:
-        """Return how to run: by the options, else by the file, else as the FMUs prefer.
+    def settings(
+        self, options: argparse.Namespace, *, is_checked_only: bool = False
+    ) -> RunSettings:
+        """Return how to run: by the options, else by the file, else as the FMUs prefer; a check needs no times.
 
         What no option mends, an FMU without co-simulation, is told before what one does.
         """
         try:
-            return self._settings(options)
+            return self._settings(options, is_checked_only=is_checked_only)
         except SetupError:
             require_cosimulation(self.network.descriptions, self.system.parts)
             raise
 
-    def _settings(self, options: argparse.Namespace) -> RunSettings:
-        start, stop = self.times(options)
+    def _settings(self, options: argparse.Namespace, *, is_checked_only: bool) -> RunSettings:
+        start, stop = self.times(options, is_checked_only=is_checked_only)
         if options.step is not None and options.adaptive is not None:
             raise SetupError("--step and --adaptive cannot be used together")
         is_adaptive = options.adaptive is not None
-        step = Adaptive(options.adaptive) if is_adaptive else self.step(options.step)
+        step: float | Adaptive
+        if is_adaptive:
+            step = Adaptive(options.adaptive)
+        elif is_checked_only and options.step is None and not self.states_step:
+            step = stop - start
+        else:
+            step = self.step(options.step)
         if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:
             span = f"the time from start to stop, {stop - start!r} s"
             raise SetupError(f"step = {options.step!r} s must be at most {span}")
@@ -128,7 +147,13 @@ def open_system(options: argparse.Namespace, *, runnable: bool = True) -> Iterat
         network = connect(system, runnable=False)
         values = read_values(options.parameters, network) if options.parameters else {}
         for name, text in map(assignment, options.start_values):
-            values[name] = value_of_text(network, network.port(name), text)
+            for port, factor, offset in network.behind(name):
+                value = value_of_text(network, port, text)
+                if (factor, offset) != (1.0, 0.0):
+                    value = (
+                        factor * float(value) + offset if isinstance(value, int | float) else value
+                    )
+                values[port.name] = value
         system = replace(system, start={**system.start, **values})
         network = connect(system, runnable=False)
         require_separate_files(options, network.system.parts.values())
@@ -171,6 +196,10 @@ def equal_names(network: Network, path: Path) -> list[tuple[str, Port]]:
         for port in (Port(part, v) for v in fmu.variables.values() if v.causality == "input")
     }
     own = {name.removeprefix(f"{only_part}."): port for name, port in inputs.items()}
+    for name in network.system.connectors:
+        (port, *line), *others = network.behind(name)
+        if port.name in inputs and line == [1.0, 0.0] and not others:
+            own[name] = port
     table = Series.read(path)
     found = [(n, (inputs | own)[n]) for n in table.names if n in inputs | own and n != table.clock]
     if not found:
@@ -239,7 +268,8 @@ def name_list(text: str) -> list[str]:
 
 def recorded_names(network: Network, texts: Sequence[str]) -> list[str]:
     """The names of --record; pieces with a comma between them that are one name of a variable belong together."""
-    known = {f"{part}.{name}" for part, fmu in network.fmus.items() for name in fmu.variables}
+    known = {*network.system.connectors}
+    known |= {f"{part}.{name}" for part, fmu in network.fmus.items() for name in fmu.variables}
     names: list[str] = []
     rest = list(texts)
     while rest:

@@ -63,15 +63,15 @@ class RowReader:
         unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
         self.recorded: list[Column] = [port.column for port in ports]
         self.names = [column.name for column in self.recorded]
-        for name, port in zip(self.names, ports):
-            if name not in slots:
-                unread[port.part][name] = port.variable
+        for port in ports:
+            if port.name not in slots:
+                unread[port.part][port.name] = port.variable
         self.extra = [
             b for p in parts for b in p.instance.session.blocks("Get", [*unread[p.name].values()])
         ]
         for block in self.extra:
             slots |= block.slots()
-        self.columns = [slots[name] for name in self.names]
+        self.columns = [slots[port.name] for port in ports]
         self._cells = [(slot.cells, slot.element) for slot in self.columns]
         held = [k for k, column in enumerate(self.recorded) if column.kind is not Kind.CONTINUOUS]
         self.discrete = [k + 1 for k in held]

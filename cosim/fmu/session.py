@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -61,6 +62,7 @@ class Session:
     ) -> None:
         """Instantiate with these options of FMPy; raises FmuError, and then releases the library."""
         self.name, self.messages = messages.name, messages
+        messages.describe(description)
         self.description, self.interface = description, description.offered_interface(side)
         self.fmu, self.side = fmu, side
         self.closed = False
@@ -77,12 +79,19 @@ class Session:
         except Exception as error:
             fmu.forget()
             fmu.release()
-            tool = self.interface.needsExecutionTool
-            raise FmuError(
-                f"{self.name}: instantiate failed: {messages.reason()}"
-                + (f"; it needs {description.generationTool or 'its tool'} to run" if tool else "")
-            ) from error
+            raise FmuError(f"{self.name}: instantiate failed: {self._reason()}") from error
         self.component = ctypes.c_void_p(self.binding.component)
+
+    def _reason(self) -> str:
+        """Why a call failed, and until initialisation is over the tool that the FMU needs."""
+        module = re.match(
+            r"ModuleNotFoundError: No module named '([\w.]+)'", self.messages.reason()
+        )
+        if module is not None:
+            return f"{self.messages.reason()}: install {module[1]}"
+        is_needed = self.interface.needsExecutionTool and not self._is_initialised
+        tool = self.description.generationTool or "its tool"
+        return self.messages.reason() + (f"; it needs {tool} to run" if is_needed else "")
 
     @property
     def is_stepping(self) -> bool:
@@ -99,7 +108,7 @@ class Session:
             return getattr(self.binding, method)(*arguments)
         except FMICallException as error:
             self._remember(error.status)
-            raise FmuError(f"{self.name}: {method}: {self.messages.reason()}") from error
+            raise FmuError(f"{self.name}: {method}: {self._reason()}") from error
 
     def answered(self, call: str, status: int) -> None:
         """Keep a warning that the FMU did not put in words; raise FmuError for what is worse."""
@@ -114,7 +123,7 @@ class Session:
         self._remember(status if status in (DISCARD, FATAL) else ERROR)
         answer = STATUS[status] if is_status else f"the unknown status {status}"
         hint = next((text for word, text in HINTS.items() if word in (call, answer)), "")
-        return FmuError(f"{self.name}: {call} returned {answer}: {self.messages.reason()}{hint}")
+        return FmuError(f"{self.name}: {call} returned {answer}: {self._reason()}{hint}")
 
     def terminated(self, reached: float) -> SimulationTerminated:
         """The end of the simulation that the FMU asks for at a time [s], with its reason if it gives any."""

@@ -39,6 +39,9 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     assigned: set[Node] = set()
     for parameter in parameters_of(root, "", path.name, definitions(root, path.name)).values():
         nodes = _variables_named(plan, root_path, parameter.name)
+        if not nodes and parameter.name in network.system.connectors:
+            port = network.port(parameter.name)
+            nodes = [(port.part, port.variable.name)]
         if not nodes:
             raise SetupError(f"{parameter.where} fits no variable")
         if assigned.intersection(nodes):
@@ -74,7 +77,8 @@ def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
         name, text, unit = (row.get(column, "") for column in COLUMNS)
         where = f"{path.name}, line {line}: parameter {name}"
         try:
-            port = network.port(f"{bare}{name}" if bare and not name.startswith(bare) else name)
+            is_whole = not bare or name.startswith(bare) or name in network.system.connectors
+            port = network.port(name if is_whole else f"{bare}{name}")
         except SetupError as error:
             raise SetupError(f"{where} fits no variable: {error}") from None
         if port.name in given:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from .start_values import checked_start
 from .wires import SHAFT, System, Wire, require_field_types
 
 Profile = TableInput | FunctionInput
+log = logging.getLogger("cosim")
 
 
 class Connection(NamedTuple):
@@ -197,6 +199,9 @@ def connect_for_export(system: System, where: str, *, sums: bool = False) -> Net
     """
     network = connect(system)
     require_cosimulation(network.descriptions, system.parts)
+    if network.system.connectors and "ssp" not in where:
+        names = ", ".join(network.system.connectors)
+        log.warning("the connectors %s of the system are left out: %s has none", names, where)
     for name in () if sums else network.sums():
         raise SetupError(f"{name} is a sum of wires, which {where} cannot express")
     for port, _ in network.inputs:

@@ -30,10 +30,14 @@ MOST_FLAWS = 3
 
 
 class Port(NamedTuple):
-    """A variable of a part; `type` is that of FMI 2.0, `native` that of the FMU's own version."""
+    """A variable of a part; `type` is that of FMI 2.0, `native` that of the FMU's own version.
+
+    `label` is the connector of the system under which it is recorded, if it is.
+    """
 
     part: str
     variable: Variable
+    label: str = ""
 
     @property
     def name(self) -> str:
@@ -58,7 +62,7 @@ class Port(NamedTuple):
     @property
     def column(self) -> Column:
         """What it is as a column of a table."""
-        return Column(self.name, self.unit, self.kind)
+        return Column(self.label or self.name, self.unit, self.kind)
 
     @property
     def kind(self) -> Kind:
@@ -113,6 +117,12 @@ class Catalog:
                 raise SetupError(
                     f"{part}.{variable} is an array of {size_text(shape)}: name one, {variable}[{first}]"
                 )
+        if not candidates and (wires := self.system.connectors.get(dotted(name).strip())):
+            inner, *others = self.behind(dotted(name).strip())
+            if others or inner[1:] != (1.0, 0.0):
+                ways = ", ".join(map(str, wires))
+                raise SetupError(f"{dotted(name)} is no variable as it is, but {ways}: name that")
+            return inner[0]
         if not candidates:
             text = dotted(name).strip()
             part = text.partition(".")[0] if isinstance(name, str) else name[0]
@@ -133,7 +143,16 @@ class Catalog:
                 variables = self.fmus[part].variables.values()
                 elements = [Port(part, v) for v in variables if v.name.startswith(f"{variable}[")]
                 return self.fmus[part].shapes[variable], elements
-        return (), [self.port(name)]
+        is_label = isinstance(name, str) and name.strip() in self.system.connectors
+        return (), [self.port(name)._replace(label=str(name).strip() if is_label else "")]
+
+    def behind(self, name: str) -> list[tuple[Port, float, float]]:
+        """The variables behind a connector of the system, each with factor and offset; of another name its own."""
+        wires = self.system.connectors.get(name.strip(), ())
+        if not wires:
+            return [(self.port(name), 1.0, 0.0)]
+        ends = [w.target if w.source == name.strip() else w.source for w in wires]
+        return [(self.port(end), w.factor, w.offset) for end, w in zip(ends, wires)]
 
     def unit(self, port: Port) -> Unit:
         """The unit of a port as its FMU defines it; no definition if it does not say.

@@ -99,6 +99,9 @@ class System:
     `inputs` are inputs over time by variable: a `Series` with one column beside the times, or a function of time [s]. A change of an
     input or a tunable parameter reads "at 2 s motor.A = 7500". Within a step, a Real input is held at
     its mean, or follows a line if its FMU can interpolate; everything else changes between steps.
+
+    `connectors` are names of the system's own, as a file may give it: the wires from each to the inputs or parameters
+    behind it, or the one from an output to it.
     """
 
     parts: Mapping[str, Path]
@@ -107,6 +110,7 @@ class System:
     bonds: Sequence[str] = ()
     inputs: Mapping[str, Series | Callable[[float], float]] = field(default_factory=dict)
     changes: Sequence[str] = ()
+    connectors: Mapping[str, Sequence[Wire]] = field(default_factory=dict)
 
 
 def require_field_types(system: System) -> None:

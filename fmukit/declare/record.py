@@ -219,6 +219,7 @@ def record(cls: type[R]) -> type[R]:
             fields[name] = annotation
             continue
         declared, quantity = _declared(cls, name), _quantity(annotation)
+        _require_number(f"{cls.__name__}.{name}", annotation, declared)
         if quantity is not None:
             _require_matching_exponents(f"{cls.__name__}.{name}", quantity)
         if isinstance(declared, list):
@@ -254,6 +255,15 @@ def _declared(cls: Any, name: str) -> Any:
             f'{cls.__name__}.{name} has no declaration: write {name}: ... = {function_name}({example}, "Meaning")'
         )
     return value
+
+
+def _require_number(variable: str, annotation: Any, declared: Any) -> None:
+    """Raise TypeError for a text, which equations cannot carry, and for a number that is annotated as one."""
+    if annotation is str or (isinstance(declared, Declaration) and isinstance(declared.start, str)):
+        raise TypeError(
+            f"{variable} is a text, which no equation can use: write an IntEnum of its values, as in "
+            'gear: Gear = discrete(Gear.low, "Gear"), or put the text into the docstring'
+        )
 
 
 def _require_consistent(name: str, d: Declaration) -> None:

@@ -17,6 +17,40 @@ FUNCTIONS = {
     "exact": "p, x, u0, u1, h", "event_indicators": "p, t, x, u", "event_update": "p, t, x, u, which",
     "sample": "p, t, x, before, now", "complete_state": "p, x", "notes": "p, t, old, new, u",
 }  # fmt: skip
+#: The modules of the standard library that give the same at each import; with others, and with the functions below, a
+#: file, a clock, a random number or the environment would enter a model's constants, and its FMU stay up to date.
+CONSTANT_MODULES = frozenset(
+    [
+        "__future__",
+        "abc",
+        "array",
+        "bisect",
+        "cmath",
+        "collections",
+        "contextlib",
+        "copy",
+        "dataclasses",
+        "decimal",
+        "enum",
+        "fractions",
+        "functools",
+        "heapq",
+        "itertools",
+        "json",
+        "math",
+        "numbers",
+        "operator",
+        "re",
+        "statistics",
+        "string",
+        "struct",
+        "textwrap",
+        "types",
+        "typing",
+        "warnings",
+    ]
+)
+READING_FUNCTIONS = ("open", "input", "eval", "exec", "__import__")
 #: Least similarity of a misspelt name, as `difflib` measures it: two letters exchanged in the shortest names give 0.8.
 SIMILARITY = 0.8
 
@@ -99,8 +133,16 @@ def definition_to_write(name: str) -> str:
 
 
 def require_imports(path: Path) -> None:
-    """Raise SyntaxError for an import that would be missing from the FMU."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    """Raise SyntaxError for an import that would be missing from the FMU, and for what reads more than files of the model."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    bound = {
+        n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and not isinstance(n.ctx, ast.Load)
+    }
+    bound |= {n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)}
+    bound |= {n.arg for n in ast.walk(tree) if isinstance(n, ast.arg)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id in READING_FUNCTIONS and node.id not in bound:
+            _refuse_reading(path, node, node.id)
         if not isinstance(node, ast.Import | ast.ImportFrom) or imported_files(path, node):
             continue
         if isinstance(node, ast.Import):
@@ -117,3 +159,14 @@ def require_imports(path: Path) -> None:
                     "in its folder",
                     (str(path), node.lineno, None, None),
                 )
+            if package != "fmukit" and package not in CONSTANT_MODULES:
+                _refuse_reading(path, node, name)
+
+
+def _refuse_reading(path: Path, node: ast.Name | ast.Import | ast.ImportFrom, name: str) -> None:
+    """Raise SyntaxError for what may give another value at the next build, of the same file."""
+    raise SyntaxError(
+        f"{name} may give other values at another time, and the FMU would not be built anew: write the numbers into "
+        "the model, or into a file name.py in its folder, for 'from .name import ...'",
+        (str(path), node.lineno, None, None),
+    )

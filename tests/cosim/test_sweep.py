@@ -59,7 +59,8 @@ def test_a_sweep_is_a_table_of_figures(
     text = command_output("sweep", *parts(fmus), *vary, *figures, *options)
     assert text.startswith("6 runs, 0 failed\n") and (tmp_path / "p.png").stat().st_size
     table = pd.read_csv(out)
-    assert list(table) == ["run", "motor.T", "motor.A", TORQUE, SPEED, "warnings", "reason"]
+    columns = ["run", "motor.T", "motor.A", TORQUE, SPEED, "unbounded", "warnings", "reason"]
+    assert list(table) == columns
     assert table["motor.T"].tolist() == [0.04, 0.04, 0.05, 0.05, 0.06, 0.06]
     assert json.loads(out.with_suffix(".json").read_text())["units"][TORQUE] == "N.m"
     for k in (0, 3, 5):

@@ -380,7 +380,7 @@ OTHERS = (
      "thing.py: event_indicators returns a number: write return (..., ...)"),
     (HEAD + STILL + 'def event_indicators(p, t, x, u):\n    return (x.x,)\n' + JUMP.replace('State(x=1.0)', '(1.0,)'),
      "thing.py: event_update returns a tuple: write return State(...)"),
-    (HEAD + 'import random\n' + BODY.replace('rate(x.x, p.n0)', 'x.x * random.random()'),
+    (HEAD + 'from itertools import count\nCALLS = count()\n' + BODY.replace('rate(x.x, p.n0)', 'x.x * next(CALLS)'),
      "thing.py: derivatives returns another value when it is called again with the same numbers"),
     (HEAD + INPUT + STILL + OUTPUT.format('', 'u.s * x.x'),
      'thing.py: y of Outputs depends on s without delay: write y: ... = real(..., "...", feedthrough=("s",))'),

@@ -25,7 +25,7 @@ def execute(options: argparse.Namespace) -> int:
         print(report.text())
         return 0 if report.passed else 1
     with open_system(options) as file:
-        settings = file.settings(options)
+        settings = file.settings(options, is_checked_only=True)
         problems = list(setup_problems(file.network, settings))
         notes = list(describe.notes(file.network, settings))
         if file.package.step is not None:

@@ -15,8 +15,13 @@ def execute(options: argparse.Namespace) -> int:
     """Print parts, wires, start values and times of a system."""
     with open_system(options, runnable=False) as file:
         print("\n".join(describe.info(file.network)))
-        for connector, port in file.package.connectors.items():
-            print(f"connector {connector} is {port}")
+        for connector, wires in file.system.connectors.items():
+            same = file.package.connectors.get(connector)
+            print(
+                f"connector {connector} is {same}"
+                if same
+                else f"connector {connector}: {', '.join(map(str, wires))}"
+            )
         if file.package.stop is not None:
             print(f"default experiment: {file.start:g} to {file.package.stop:g} s")
         if file.package.step is not None:

@@ -6,11 +6,13 @@ import argparse
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...dense import Array, Curves
 from ...errors import SetupError, pluralize
 from ...metrics import (
     Integral,
@@ -24,8 +26,8 @@ from ...metrics import (
     TimeOfLargest,
     TimeOfSmallest,
 )
+from ...result import growth_start, write_table
 from ...result import partial as partial_file
-from ...result import write_table
 from ...system import Network, Value
 from ...system.start_values import checked_start, value_of_text
 from ...table_file import read_cells, split_heading
@@ -52,6 +54,15 @@ MOST_RUNS = 1_000_000
 MOST_PRINTED = 20
 
 
+@dataclass(frozen=True)
+class GrowthStart(Metric):
+    """From when on a column grows without bound; nan if it does not."""
+
+    def measure(self, curves: Curves) -> Array:
+        """The time [s] of each curve."""
+        return growth_start(curves.t, curves.x)
+
+
 def execute(options: argparse.Namespace) -> int:
     """Run all cases of a system, and write and print the table; 1 if every run failed."""
     from ...prepared import How
@@ -74,12 +85,15 @@ def execute(options: argparse.Namespace) -> int:
         folders = new_folders(options)
         journal = None if options.out is None else partial_file(options.out).with_suffix(".journal")
         runs = len(next(iter(cases.values())))
+        named = {c: f"{c} grows" for metric in figures.values() for c in metric.columns}
+        asked = figures | ({} if options.certify else {n: GrowthStart(c) for c, n in named.items()})
         with bar_of_runs(file.title, runs) as progress:
             how = How(options.jobs, isolated=True, timeout=options.timeout, progress=progress)
             table = sweep(
-                file.system, cases, figures, certified=options.certify, how=how, journal=journal,
+                file.system, cases, asked, certified=options.certify, how=how, journal=journal,
                 **settings,
             )  # fmt: skip
+        _tell_growth(table, {} if options.certify else named)
         units = _units(file.network, cases, figures)
         table.insert(0, "run", range(1, runs + 1))
         if options.out is not None:
@@ -93,6 +107,19 @@ def execute(options: argparse.Namespace) -> int:
     _print(table, figures, written=options.out is not None)
     print_written_files(options, folders)
     return 1 if failed == runs else 0
+
+
+def _tell_growth(table: pd.DataFrame, named: Mapping[str, str]) -> None:
+    """Put a column `unbounded`, what grows in each run and from when on, in place of those times."""
+    times = {column: table.pop(name).tolist() for column, name in named.items()}
+    texts = [
+        "; ".join(
+            f"{column} from {t[k]:g} s" for column, t in times.items() if not math.isnan(t[k])
+        )
+        for k in range(len(table))
+    ]
+    if times:
+        table.insert(list(table).index("warnings"), "unbounded", texts)
 
 
 def cases_of(options: argparse.Namespace, network: Network) -> Mapping[str, Sequence[Any]]:
@@ -245,7 +272,12 @@ def _units(
 def _print(table: pd.DataFrame, figures: Mapping[str, Metric], *, written: bool) -> None:
     """Print the table, or of a long one that is written the extremes of its figures."""
     if len(table) <= MOST_PRINTED or not written:
-        names = [n for n in map(str, table) if n not in ("warnings", "reason") or any(table[n])]
+        words = [n for n in ("unbounded", "warnings", "reason") if n in table]
+        same = {n: table[n].iloc[0] for n in words if table[n].nunique() == 1 and len(table) > 1}
+        names = [n for n in map(str, table) if n not in words or (n not in same and any(table[n]))]
+        for name, text in same.items():
+            if text:
+                print(f"{name} of all runs: {text}")
         cells = table.loc[:, names].to_numpy(object).tolist()
         texts = [[f"{x:.6g}" if isinstance(x, float) else str(x) for x in row] for row in cells]
         print_table([names, *texts])

@@ -6,7 +6,7 @@ import logging
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -200,8 +200,9 @@ class Plan:
                 continue
             if self.connectors[node].kind != "input" or self.connectors[source].kind != "output":
                 raise SetupError(
-                    f"{steps[-1].where}: {self.connectors[source].kind} {dotted(source)} cannot "
-                    f"drive {self.connectors[node].kind} {dotted(node)}; only an output can drive an input"
+                    f"{steps[-1].where}: a connection from {self.connectors[source].kind} {dotted(source)} to "
+                    f"{self.connectors[node].kind} {dotted(node)} is not supported, only one from an output to an input: "
+                    "give the other a start value"
                 )
             wires.append(self._wire(source, node, steps))
         return wires
@@ -226,21 +227,35 @@ class Plan:
         """The start values that are bound."""
         return {dotted(node): value for node, value in self.start.items()}
 
-    def outer(self) -> dict[str, str]:
-        """The connectors of the outermost system that stand for one variable as it is."""
-        ports: dict[str, str] = {}
+    def interface(self) -> dict[str, tuple[Wire, ...]]:
+        """The wires between the connectors of the outermost system and the variables behind them, by connector."""
+        wires: dict[str, tuple[Wire, ...]] = {}
         for (path, name), connector in self.connectors.items():
             if path:
                 continue
             if connector.kind in DOWNWARD:
-                ends = [(leaf, connector.unit, steps) for leaf, steps in self.leaves((path, name))]
+                ends = [
+                    (name, dotted(leaf), connector.unit, steps)
+                    for leaf, steps in self.leaves((path, name))
+                ]
             else:
                 source, steps = self.origin((path, name))
-                ends = [(source, self.connectors[source].unit, steps)]
-            same = [leaf for leaf, unit, steps in ends if chain(unit, steps) == IDENTITY]
-            if len(ends) == 1 and same and same[0] in self.variables:
-                ports[name] = dotted(same[0])
-        return ports
+                ends = [(dotted(source), name, self.connectors[source].unit, steps)]
+                if source not in self.variables:
+                    continue
+            if ends:
+                wires[name] = tuple(
+                    Wire(a, b, *chain(unit, steps), converts=False) for a, b, unit, steps in ends
+                )
+        return wires
+
+
+def same_variable(name: str, wires: Sequence[Wire]) -> str:
+    """The variable that a connector stands for as it is; "" if there is none."""
+    if len(wires) != 1 or wires[0][2:4] != IDENTITY:
+        return ""
+    ends = str(wires[0].source), str(wires[0].target)
+    return ends[1] if ends[0] == name else ends[0]
 
 
 def dotted(node: Node) -> str:

@@ -33,7 +33,7 @@ from .files import (
     unpack,
 )
 from .parameters import bound, linear
-from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted
+from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted, same_variable
 from .units import Definitions, definitions, same
 
 DEFINITION = "application/x-ssp-definition"
@@ -170,8 +170,14 @@ def _read(path: Path, folder: Path) -> Package:
         document = document.nested((_digest(path), ROOT_SSD), path.name)
     (outermost,) = children(document.content, "ssd:System")
     _system(plan, document, outermost, "")
-    system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds)
+    interface = plan.interface()
+    system = System(plan.fmus, plan.wires(), plan.starts(), plan.bonds, connectors=interface)
     connect(system)
+    outer = {name: same for name, w in interface.items() if (same := same_variable(name, w))}
+    others = sorted(f.name for f in document.path.parent.glob("*.ssd") if f != document.path)
+    if others and document.path.name == ROOT_SSD:
+        names = ", ".join(others)
+        log.warning("%s is read; the package has %s, too: unpack it to run that", ROOT_SSD, names)
     experiment = document.content.find("ssd:DefaultExperiment", NAMESPACES)
     attributes = {} if experiment is None else experiment.attrib
     start, stop = (
@@ -180,7 +186,7 @@ def _read(path: Path, folder: Path) -> Package:
     if plan.exchange:
         names = ", ".join(plan.exchange)
         log.warning("the file asks for model exchange of %s: run steps by co-simulation", names)
-    return Package(system, start, stop, plan.outer(), _step(document))
+    return Package(system, start, stop, outer, _step(document))
 
 
 def _step(document: Document) -> float | None:

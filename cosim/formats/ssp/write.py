@@ -13,7 +13,16 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from ...errors import SetupError
-from ...system import Connection, Network, Port, System, Value, connect_for_export, enumeration
+from ...system import (
+    Connection,
+    Network,
+    Port,
+    System,
+    Value,
+    Wire,
+    connect_for_export,
+    enumeration,
+)
 from .files import BOND, FMU, NAMESPACES, ROOT_SSD, qualified
 
 OSP = "http://opensimulationplatform.com/SSP/OSPAnnotations"
@@ -133,12 +142,24 @@ def _structure(
     network, (start, stop, step) = task.network, times
     root = Element(qualified("ssd:SystemStructureDescription"), name=name, version=task.version)
     system = SubElement(root, qualified("ssd:System"), name=name)
-    elements = SubElement(system, qualified("ssd:Elements"))
     enumerations: Enumerations = {}
+    if network.system.connectors:
+        outer = SubElement(system, qualified("ssd:Connectors"))
+        for connector in network.system.connectors:
+            port = network.behind(connector)[0][0]
+            kind = {"name": connector, "kind": str(port.variable.causality)}
+            SubElement(outer, qualified("ssd:Connector"), kind).append(
+                _type("ssc", port, enumerations)
+            )
+    elements = SubElement(system, qualified("ssd:Elements"))
     for part in network.system.parts:
         _component(elements, task, part, enumerations)
-    if network.wires:
-        _connections(SubElement(system, qualified("ssd:Connections")), task)
+    if network.wires or network.system.connectors:
+        connections = SubElement(system, qualified("ssd:Connections"))
+        _connections(connections, task)
+        for connector, wires in network.system.connectors.items():
+            for wire in wires:
+                _outer_connection(connections, task, connector, wire)
     notes = Element(qualified("ssd:Annotations"))
     _omsimulator(notes, network, step)
     if network.system.bonds:
@@ -191,6 +212,8 @@ def _component(elements: Element, task: SspContent, part: str, enumerations: Enu
     source = f"resources/{quote(task.files[network.fmus[part].path])}"
     component = SubElement(elements, qualified("ssd:Component"), name=part, type=FMU, source=source)
     ends = [port for wire in network.wires for port in wire[:2] if port.part == part]
+    outer = (end[0] for name in network.system.connectors for end in network.behind(name))
+    ends += [port for port in outer if port.part == part]
     if ports := {task.element(port).unindexed: port for port in reversed(ends)}:
         connectors = SubElement(component, qualified("ssd:Connectors"))
         for variable, port in reversed(ports.items()):
@@ -290,7 +313,7 @@ def _text(port: Port, value: Value) -> str:
     raise SetupError(f"{port} = {value!r} has no name in {declared.name if declared else 'it'}")
 
 
-def scaled(wire: Connection) -> bool:
+def scaled(wire: Connection | Wire) -> bool:
     """Whether it changes the numbers that it carries."""
     return (wire.factor, wire.offset) != (1.0, 0.0)
 
@@ -329,7 +352,27 @@ def _connection(
             ends[f"{end}Indices"] = " ".join(map(str, variable.indices))
     if scaled(wire) or wire.source.unit != wire.target.unit:
         ends["suppressUnitConversion"] = "true"
-    connection = SubElement(connections, qualified("ssd:Connection"), ends)
+    _line(SubElement(connections, qualified("ssd:Connection"), ends), wire)
+
+
+def _outer_connection(connections: Element, task: SspContent, connector: str, wire: Wire) -> None:
+    """A wire between a connector of the system and a variable, whose numbers are as it says."""
+    is_inward = wire.source == connector
+    inner = task.element(task.network.port(wire.target if is_inward else wire.source))
+    near, far = ("start", "end") if is_inward else ("end", "start")
+    ends = {
+        f"{near}Connector": connector,
+        f"{far}Element": inner.part,
+        f"{far}Connector": inner.name,
+    }
+    if inner.indices:
+        ends[f"{far}Indices"] = " ".join(map(str, inner.indices))
+    ends["suppressUnitConversion"] = "true"
+    _line(SubElement(connections, qualified("ssd:Connection"), ends), wire)
+
+
+def _line(connection: Element, wire: Connection | Wire) -> None:
+    """Factor and offset of a connection that has them."""
     if scaled(wire):
         factor, offset = repr(wire.factor), repr(wire.offset)
         SubElement(connection, qualified("ssc:LinearTransformation"), factor=factor, offset=offset)
