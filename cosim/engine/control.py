@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
 from typing import NamedTuple
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError, NonFiniteValueError, SetupError, StepDiscarded
-from ..fmu.times import coincide
+from ..fmu.times import coincide, is_reached
 from .part import Part
 from .schedule import Advance
 from .snapshot import Snapshot, StepMemory
@@ -220,7 +220,8 @@ class ErrorScale:
 class Controller:
     """The steps between times [s], each of which is met; a PI controller chooses their sizes [s].
 
-    The next size follows from how much of the tolerance this step and the last one used. `instant` are
+    The next size follows from how much of the tolerance this step and the last one used. `next_event` gives the time
+    of the next event that parts tell [s], which is met too. `instant` are
     the wired outputs with direct feedthrough; `largest` the largest values so far, of what the `control`,
     "doubling" or "energy", compares.
     """
@@ -232,7 +233,10 @@ class Controller:
         settings: Adaptive,
         times: Sequence[float],
         instant: Collection[str],
+        *,
+        next_event: Callable[[], float],
     ) -> None:
+        self.next_event = next_event
         self.order, self.settings, self.times, self.rejected = order, settings, times, 0
         self.control, self.instant = control, instant
         self.t, self.span = times[0], times[-1] - times[0]
@@ -255,7 +259,7 @@ class Controller:
     def steps(self) -> Iterator[tuple[float, float]]:
         """The time and the size of each step, the same time again until it is accepted.
 
-        A step ends at the next of the times, or half-way there where it would leave a crumb.
+        A step ends at the next of the times or events, or half-way there where it would leave a crumb.
         """
         stop, ends = self.times[-1], iter(self.times)
         end = self.t
@@ -263,10 +267,12 @@ class Controller:
             if end <= self.t or coincide(end, self.t):
                 later = (time for time in ends if time > self.t and not coincide(time, self.t))
                 end = next(later, stop)
-            rest = end - self.t
+            event = self.next_event()
+            goal = end if is_reached(event, self.t) or is_reached(end, event) else event
+            rest = goal - self.t
             is_last = self.h >= rest * (1 - END_ROUNDING)
             self.h = rest if is_last else min(self.h, rest / 2)
-            self.end = end if coincide(self.t + self.h, end) else self.t + self.h
+            self.end = goal if coincide(self.t + self.h, goal) else self.t + self.h
             yield self.t, self.h
 
     def accept(self, share: float) -> None:

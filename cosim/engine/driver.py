@@ -29,10 +29,11 @@ from .control import (
 )
 from .iteration import Iteration
 from .loop import Loop, lay_out
+from .moments import EventDueError, Moments, event_watches
 from .part import I, Part, WiredPart
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .response import values_after_jump, values_after_probing_steps, values_of_wired_outputs
-from .schedule import Advance, coupling_context, explicit, schedule
+from .schedule import Advance, TimedOperation, coupling_context, explicit, schedule
 from .settings import RunSettings
 from .snapshot import WHOLE, Snapshot, StepMemory, Stretch
 
@@ -192,6 +193,10 @@ class Driver:
                 self.breaks.append((self.t, begin.broken_until))
         self.is_paused, self.broken_until = False, self.t
         self._plain_advance = self._advance
+        descriptions = {part.name: part.description for part in parts}
+        fixed = parts_without(descriptions, VARIABLE_STEP)
+        self._moments = Moments(parts, fixed)
+        self._advance = self._moments.met(self._advance, self._jumps_at)
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
         self._add: Callable[[Sequence[float]], None] = recorder.add
         # times of the last rows, of the result and of the file of all, and of the last jump
@@ -210,14 +215,14 @@ class Driver:
         self.compiled_loop: Loop | None = None
         self.control = "fixed"
         self.loop = "Python"
-        descriptions = {part.name: part.description for part in parts}
         without_state = parts_without(descriptions, STATE)
-        unable = without_state or parts_without(descriptions, VARIABLE_STEP)
+        unable = without_state or fixed
         self._can_probe = not unable
         if isinstance(plan.step, Adaptive):
             self.control = plan.step.control or ("energy" if without_state else "doubling")
         if self._known.count and not unable:
             self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(parts))
+        self._moments.refuses = self.control == "doubling"
         forward = steps is not None and self.control != "doubling"
         back = self._checkpoint is not None or self.control == "doubling"
         for part in parts:
@@ -227,7 +232,8 @@ class Driver:
             )
         if not self._known.count or steps is None or every is None:
             return
-        program = lay_out(steps, row.extra)
+        watches = [TimedOperation(watch, 0.0, 1.0) for watch in event_watches(parts)]
+        program = lay_out([*watches, *steps], row.extra)
         if program is None:
             return
         try:
@@ -284,14 +290,22 @@ class Driver:
         self._shown = row[0]
         self._add(row)
 
+    def _jumps_at(self, t: float) -> bool:
+        """Whether something jumps at a time [s] before which events of that time are not to happen."""
+        k = bisect_left(self._jumps, t, key=lambda jump: jump.time)
+        return any(coincide(jump.time, t) for jump in self._jumps[max(0, k - 1) : k + 1])
+
     def _occur(self, t: float, h: float, jump: Jump) -> None:
-        """Make the changes of a jump before a step from t by h [s]; at the first time with rows before and after it.
+        """Make the changes of a jump before a step from t by h [s], then what is due at that time.
+
+        At the first time there are rows before and after it.
 
         Where the values after it are not known, a break begins.
         """
         if t <= self._jumped or coincide(t, self._jumped):
             for change in jump.changes:
                 change.instance.set(change.variable, change.value)
+            self._moments.happen(t)
             return
         self._jumped = t
         row = self.row(t)
@@ -302,6 +316,7 @@ class Driver:
         before = values_of_wired_outputs(self.parts) | dict(zip(self.row.names, row[1:]))
         for change in jump.changes:
             change.instance.set(change.variable, change.value)
+        happened = self._moments.happen(t)
 
         def read() -> dict[str, float]:
             return dict(zip(self.row.names, self.row(t)[1:]))
@@ -315,8 +330,9 @@ class Driver:
             after, answered = (after, False) if probed is None else (probed, True)
         if after is not None:
             changed = {c.instance.session.name for c in jump.changes}
-            # Other parts see an event at their next turn.
-            kept = {name: before[name] for name, part in held.items() if part not in changed}
+            # Other parts see an event at their next turn, but for events of which parts have told.
+            seen = held.items() if not happened else ()
+            kept = {name: before[name] for name, part in seen if part not in changed}
             self._add_row([self._shown, *(after | kept).values()])
             insort(self.breaks, (self._shown, self._shown))
         if not answered:
@@ -355,7 +371,9 @@ class Driver:
     def _adaptive(self, settings: Adaptive) -> Iterator[ShareDone]:
         start, stop = self.plan.start, self.plan.stop
         times = [start, *(jump.time for jump in self._jumps), stop]
-        self.controller = Controller(self.control, self._order, settings, times, self._instant)
+        self.controller = Controller(
+            self.control, self._order, settings, times, self._instant, next_event=self._moments.next
+        )
         if self._begin is not None:
             self.controller.resume(self.t, self._begin.memory)
         method = step_ends_by_doubling if self.control == "doubling" else step_ends_by_energy
@@ -375,6 +393,7 @@ class Driver:
         split = sorted({*known.interrupted(), *known.firsts[1:], count})
         self.breaks += known.breaks()
         goal = count if self._until >= stop else self._goal()
+        has_event = False
         while self.accepted < goal:
             n = self.accepted
             if self._checkpoint is not None:
@@ -383,8 +402,9 @@ class Driver:
                     snapshot.take()
                     self._checkpoint = (n, snapshot)
             last = n
-            if self.compiled_loop is not None:
+            if self.compiled_loop is not None and not has_event:
                 last = min(n + chunk, count - 1, goal, split[bisect_left(split, n)])
+            has_event = False
             if self.compiled_loop is not None and n < last:
                 began = clock.perf_counter()
                 k = bisect_right(known.firsts, n) - 1
@@ -396,7 +416,8 @@ class Driver:
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
                 self.t = known.begin_of(self.accepted)
-                if failure is not None:
+                has_event = isinstance(failure, EventDueError)
+                if failure is not None and not has_event:
                     self._redo_from_checkpoint(failure)
                 elif clock.perf_counter() - began < PATIENCE:
                     chunk = min(2 * chunk, MOST_ROWS * every)

@@ -25,6 +25,7 @@ from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
+from .moments import Moments
 from .newton import solve_fixed_point
 from .part import I, Part, WiredPart
 from .settings import RunSettings
@@ -87,6 +88,7 @@ def initialise(
         for name, part in parts.items():
             resume(part, begin.parts[name])
         return parts
+    Moments([parts[name] for name in sequence], ()).happen(settings.start)
     for part in parts.values():
         for operation in part.read_operations():
             operation(settings.start, 0.0)
@@ -134,7 +136,7 @@ def prepare(
     slots = _connect(network, parts, start)
     settle([parts[name] for name in sequence], start)
     for opened in instances.values():
-        opened.leave_initialisation()
+        opened.leave_initialisation(waits=True)
     _warn_of_other_starts(starts.values(), instances)
     return parts, slots
 

@@ -11,7 +11,10 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK, NOT_FINITE = INT_MIN };
+enum { COPY, SCALE, ADD, FEED, EXCHANGE, EXCHANGE3, ENTER, STEP, STEP3, BOOK, WATCH, NOT_FINITE = INT_MIN };
+
+/* The status where an event is due by the end of the step. */
+enum { DUE = -2 };
 
 typedef int (*exchange)(void *component, const unsigned *references, size_t count, void *cells);
 typedef int (*exchange3)(void *component, const unsigned *references, size_t count, void *cells,
@@ -126,6 +129,8 @@ static int run(const operation *op, double t, double h, long long n)
         return steps(op, t, h);
     case STEP3:
         return steps(op, t, h);
+    case WATCH:
+        return t + h > *op->first - 1e-9 * h ? DUE : 0;
     default: {
         enum { ENERGY, EXCHANGED, BEFORE };
         double before = cells[BEFORE] * *op->first;

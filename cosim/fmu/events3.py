@@ -26,8 +26,8 @@ class EventMode:
     """When the events of an instance are due, and how it goes through them.
 
     `due` is the time of the next event that is known in advance, `now` the time of the part [s]; `held`
-    are the blocks of inputs that event mode takes. `observe` is called with the time before and after
-    each event.
+    are the blocks of inputs that event mode takes, `waiting` those that it takes with the event of the present time.
+    `observe` is called with the time before and after each event.
     """
 
     def __init__(self, session: Session, *, used: bool, observe: Callable[[float], None]) -> None:
@@ -35,21 +35,22 @@ class EventMode:
         self.due = ctypes.c_double(math.inf)
         self.now = 0.0
         self.held: list[VariableBlock] = []
+        self.waiting: list[VariableBlock] = []
+        self._is_starting = False
         self._observe = observe
         self._clocks: list[IntervalClock] = []
 
     def reset(self) -> None:
         """Know of no event, as of an instance that has been made anew."""
-        self.due.value, self.held, self._clocks = math.inf, [], []
+        self.due.value, self.held, self.waiting, self._clocks = math.inf, [], [], []
+        self._is_starting = False
 
     def begin_stepping(self) -> None:
-        """Begin with the clocks and events of the start, after initialisation mode has been left."""
+        """After initialisation mode has been left, stay in event mode, for the events and ticks of the start."""
         for block in self.held:
             block.remember_entered_inputs()
         if self.used:
-            self._update(self.now)
-            self.session.call("enterStepMode")
-            self.happen(self.now, event=False)
+            self.due.value, self._is_starting = self.now, True
 
     def start_clocks(self) -> None:
         """Read the clocks, while the instance is in initialisation mode."""
@@ -60,12 +61,15 @@ class EventMode:
         ]
 
     def enter_inputs(self, blocks: Sequence[VariableBlock]) -> None:
-        """Enter the inputs of these blocks, at the time of the part."""
-        self._event(self.now, blocks)
+        """Enter the inputs of these blocks, at the time of the part, with the event that is due then if there is one."""
+        if is_reached(self.due.value, self.now):
+            self.waiting += blocks
+        else:
+            self._event(self.now, blocks)
 
     def enter_changed_inputs(self, t: float) -> None:
-        """Enter the held inputs, which event mode takes, at time t [s], if one has changed."""
-        if any(block.has_changed() for block in self.held):
+        """Enter the held inputs, which event mode takes, at time t [s], if one has changed and no event waits for them."""
+        if not is_reached(self.due.value, t) and any(block.has_changed() for block in self.held):
             self._event(t, self.held)
             self.remember_entered_inputs()
 
@@ -75,7 +79,7 @@ class EventMode:
             block.remember_entered_inputs()
 
     def happen(self, t: float, *, event: bool) -> None:
-        """Go through event mode at time t [s], if an event is due there, until none is; the clocks tick."""
+        """Go through event mode at time t [s], if an event is due there, until none is: inputs first, then clocks tick."""
         for _ in range(MOST_AT_ONCE):
             if not event and not is_reached(self.due.value, t):
                 return
@@ -83,7 +87,9 @@ class EventMode:
             for clock in clocks:
                 clock.tick()
             self._observe(t)
-            self._event(t, clocks=[c.variable.valueReference for c in clocks])
+            blocks, self.waiting = [*self.waiting, *self.held], []
+            self._event(t, blocks, [c.variable.valueReference for c in clocks])
+            self.remember_entered_inputs()
             self._observe(t)
             event = False
         raise FmuError(f"{self.session.name}: events follow each other without end at t = {t!r} s")
@@ -119,7 +125,9 @@ class EventMode:
         self, t: float, blocks: Iterable[VariableBlock] = (), clocks: Sequence[int] = ()
     ) -> None:
         """Event mode, in which inputs are set and clocks are active, and back."""
-        self.session.call("enterEventMode")
+        if not self._is_starting:
+            self.session.call("enterEventMode")
+        self._is_starting = False
         for block in blocks:
             block.move()
         if clocks:

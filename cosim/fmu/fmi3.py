@@ -83,8 +83,8 @@ class IntermediateObserver:
 class CoSimulation3(CoSimulation):
     """A part of FMI 3.0 that steps.
 
-    A step that meets an event ends there, goes through event mode, and goes on to its end; so it does
-    where a clock ticks.
+    A step that meets an event ends there, goes through event mode, and goes on to its end. An event that was told
+    for that end, or the tick of a clock, waits for the other parts, see `Moments`, at the latest for the next step.
     """
 
     session: Session3
@@ -172,11 +172,13 @@ class CoSimulation3(CoSimulation):
                 other.put(other.names.index(name), value)
         self.events.remember_entered_inputs()
 
-    def leave_initialisation(self) -> None:
-        """Leave initialisation mode for the first step, with the events and ticks of the start."""
+    def leave_initialisation(self, *, waits: bool = False) -> None:
+        """Leave initialisation mode for the first step, with the events and ticks of the start unless they wait."""
         self.events.start_clocks()
         self.session.leave_initialisation()
         self.events.begin_stepping()
+        if not waits:
+            self.events.happen(self.events.now, event=False)
 
     def reset(self) -> None:
         """Be as if made anew."""
@@ -214,10 +216,16 @@ class CoSimulation3(CoSimulation):
                 name = self.session.name
                 raise FmuError(f"{name}: its steps make no progress from t = {t!r} s")
             self.events.now = t = end if coincide(reached, end) else reached
-            self.events.happen(t, event=answer.event)
+            self._go_through_events_before(end, event=answer.event)
             if t == end:
                 return
             h = end - t
+
+    def _go_through_events_before(self, end: float, *, event: bool) -> None:
+        """Go through what is due now, unless it was told for the end of a step [s]: it waits for other parts."""
+        t = self.events.now
+        if t < end or not is_reached(self.events.due.value, t):
+            self.events.happen(t, event=event)
 
     def _refuse_event_within(self, t: float, begin: float, end: float, past: float = 0.0) -> None:
         """Refuse a step in which an event is at time t [s], if all are to stop there or just past it."""
@@ -255,6 +263,15 @@ class CoSimulation3(CoSimulation):
             first=ctypes.addressof(self.events.due),
             source=ctypes.cast(self._finish, ctypes.c_void_p).value,
         )
+
+    @property
+    def next_event(self) -> float:
+        """The time of the next event [s] that is known in advance, of a clock too."""
+        return self.events.due.value
+
+    def go_through_event(self, t: float) -> None:
+        """Take the inputs of time t [s], and go through the event that is due then."""
+        self.events.happen(t, event=False)
 
     def next_event_address(self) -> int | None:
         """Where the time of the next event [s] stands."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -37,8 +38,8 @@ class Instance:
     def connect_inputs(self, blocks: Sequence[VariableBlock]) -> None:
         """Note the blocks by which wires set inputs, if some of them take more than setting."""
 
-    def leave_initialisation(self) -> None:
-        """Leave initialisation mode for the first step."""
+    def leave_initialisation(self, *, waits: bool = False) -> None:  # noqa: ARG002
+        """Leave initialisation mode for the first step; events of the start may wait for those of other parts."""
         self.session.leave_initialisation()
 
     def reset(self) -> None:
@@ -95,8 +96,16 @@ class CoSimulation(Instance):
         """Of a discarded step: the status of the answer, the time reached [s], whether that is the end."""
         raise NotImplementedError
 
+    @property
+    def next_event(self) -> float:
+        """The time of the next event [s] that is known in advance."""
+        return math.inf
+
+    def go_through_event(self, t: float) -> None:
+        """Take the inputs of time t [s], and go through the event that is due then."""
+
     def next_event_address(self) -> int | None:
-        """Where the time of the next event [s] that is known in advance stands, for members.c."""
+        """Where the time of the next event [s] stands; None for an instance that tells of none."""
         return None
 
     def has_event_outputs(self, outputs: Sequence[VariableBlock]) -> bool:  # noqa: ARG002

@@ -29,6 +29,8 @@ class Code(IntEnum):
     STEP3 = 8
     #: add the work of a step to a side of a bond
     BOOK = 9
+    #: stop before a step that reaches an event
+    WATCH = 10
 
 
 #: The status of an operation that read a value which is not finite. A convention: FMI has none below 0.

@@ -229,4 +229,4 @@ def size_text(shape: Sequence[int]) -> str:
 def is_continuous_input(port: Port) -> bool:
     """Whether it is an input that moves within steps: a Real one, in FMI 3.0 if it is continuous."""
     real = port.type == "Real" and port.variable.causality == "input"
-    return real and (port.native == "Real" or port.variable.variability == "continuous")
+    return real and port.variable.variability != "discrete"
