@@ -61,7 +61,7 @@ print(f"torque of the motor: {torque.min():.0f} to {torque.max():.0f} {result.un
 
 certified = certify(drive, {"peak": Largest("motor.tau", begin=1.0)}, stop=2.0, step=2.5e-4)
 print(certified.figures["peak"])
-# prints: 114.04235 +- 0.00084 N.m
+# prints: 114.04235 +- 0.00045 N.m
 
 Path("results").mkdir(exist_ok=True)
 result.plot(["motor.tau", "conveyor.w"], Path("results/tutorial.png"))

@@ -100,7 +100,7 @@ def broken_limits(variable: Variable, number: float) -> Iterator[str]:
     """What a number must be that a variable may have, as far as it is not: "at least 1.0", "one of 1 (low), 2 (high)"."""
     if variable.native == "Float32" and math.isinf(ctypes.c_float(number).value):
         yield f"a 32-bit floating-point number, at most {SINGLE:.7g}"
-    if math.isnan(number):
+    if isinstance(number, float) and math.isnan(number):
         yield "a number"
         return
     if variable.type == "Boolean":

@@ -183,7 +183,7 @@ def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Pa
         ("integer_in", 0.5, "A.integer_in = 0.5 must be of type Integer"),
         ("boolean_in", 2, "A.boolean_in = 2 must be true or false"),
         ("integer_in", True, "A.integer_in = True must be of type Integer"),
-        ("boolean_in", "true", "A.boolean_in = 'true' must be of type Boolean"),
+        ("boolean_in", "maybe", "A.boolean_in = 'maybe' must be of type Boolean"),
         ("string_in", 7, "A.string_in = 7 must be of type String"),
         ("enumeration_in", 3, "A.enumeration_in = 3 must be one of 1 (low), 2 (middle), 5 (high)"),
         ("enumeration_in", "top", "A.enumeration_in = 'top' must be one of low, middle, high"),
