@@ -19,6 +19,7 @@ from ..fmu.fmi3 import CoSimulation3
 from ..fmu.instance import CoSimulation, Instance
 from ..fmu.library import Library, borrow
 from ..fmu.session import CO_SIMULATION
+from ..series import Kind
 from ..system import Network, Port, Value, declared_start, feedthrough
 from ..system.description import ModelDescription, Variable
 from .changes import continuous_profiles
@@ -259,6 +260,7 @@ def _connect(network: Network, parts: Mapping[str, WiredPart[I]], start: float) 
         kind = Link if target.kind is source.kind else CastLink
         link = kind(target, source, wire.factor, wire.offset)
         link.adds = target.name in driven_names
+        link.is_held = {wire.source.kind, wire.target.kind} != {Kind.CONTINUOUS}
         driven_names.add(target.name)
         parts[wire.target.part].links.append(link)
     for port, profile in continuous_profiles(network):

@@ -22,14 +22,14 @@ class Link(Operation):
 
     It `adds` to what the links before it have brought to the input. Where it has a `signal`, it moves
     within a step on that of the source: `first` and `last` are then the values of the last step, and
-    otherwise the target itself.
+    otherwise the target itself. If source or target is discrete, it `is_held` all the same.
     """
 
     def __init__(
         self, target: Slot, source: Slot, factor: float = 1.0, offset: float = 0.0
     ) -> None:
         self.target, self.source = target, source
-        self.factor, self.offset, self.adds = factor, offset, False
+        self.factor, self.offset, self.adds, self.is_held = factor, offset, False, False
         self.signal: SignalHistory | InputSource | None = None
         self.first = self.last = target
         self._cells, self._i = target.cells, target.element
@@ -68,7 +68,8 @@ class Link(Operation):
     def taylor(self, t: float, h: float) -> list[float]:
         """What it brings over a step from t by h [s], as a polynomial."""
         assert self.signal is not None
-        taylor = [self.factor * a for a in self.signal.taylor(t, h)]
+        moving = [float(self.source.value)] if self.is_held else self.signal.taylor(t, h)
+        taylor = [self.factor * a for a in moving]
         taylor[0] += self.offset
         return taylor
 
