@@ -62,32 +62,6 @@ def test_fmus_are_coupled_on_the_command_line(
     assert command_output("info", tmp_path / "drive.ssp").count("->") == text.count("->")
 
 
-@pytest.mark.parametrize(
-    ("files", "reason"),
-    [
-        (["motor=missing.fmu"], "part motor: there is no file missing.fmu"),
-        (["motor={}", "motor={}"], "two parts are named motor: "),
-        (["{}", "{}"], "two parts are named DriveMotor: "),
-        (["motor="], "'motor=' must read NAME=FILE.fmu"),
-        (["={}"], "must read NAME=FILE.fmu"),
-        (["{}=motor"], "must read NAME=FILE.fmu"),
-        (["a.ssp", "b.ssp"], "'a.ssp' must read NAME=FILE.fmu; of several files, each is the FMU"),
-        (["1a={}"], "part name '1a' must begin with a letter"),
-        (["a={}", "b={}", "--wire", "a.tau -> b.flange"], "'b.flange -- part.terminal'"),
-        (["a={}", "b={}", "--wire", "a.tau"], "wire 'a.tau' must read"),
-        (["a={}", "b={}", "--wire", "c.tau -> b.w"], "there is no part 'c', only a, b"),
-        (["a={}", "--wire", "a.tau -> b.w"], "there is no part 'b', only a"),
-        (["a={}", "b={}", "--standard"], "--standard checks one file"),
-    ],
-)
-def test_a_wrong_part_or_wire_is_refused_in_one_line(
-    files: list[str], reason: str, fmus: Path, command_output: CommandOutput
-) -> None:
-    motor = fmus / "native" / "DriveMotor.fmu"
-    given = [text.format(motor) for text in files]
-    assert reason in command_output("check", *given, "--stop", "1", code=2)
-
-
 def test_run_writes_what_the_api_computes(
     drive: Path, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
@@ -225,45 +199,6 @@ def test_exports_are_files_of_their_kind(
     assert "steps of 0.002 s: 500" in command_output("run", tmp_path / "again.ssp")
     assert (tmp_path / "osp" / "OspSystemStructure.xml").exists()
     assert "drive: " in command_output("info", tmp_path / "drive.fmu")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["run", "no.ssp"], "there is no file"),
-        (["run", "system.xml"], "there is no file 'system.xml'"),
-        (["run", "system.txt"], "must be an .ssp, an .ssd, an OspSystemStructure.xml, a folder"),
-        (["run", "DRIVE", "--set", "motor.X=3"], "motor has no variable 'X'"),
-        (["run", "DRIVE", "--set", "motor.T"], "must read NAME=VALUE"),
-        (["run", "DRIVE", "--set", "motor.T=-1"], "motor.T [s] = -1 must be"),
-        (["run", "DRIVE", "--step", "0"], "step = 0.0 s must be above 0"),
-        (["run", "DRIVE", "--step", "1", "--adaptive", "1"], "cannot be used together"),
-        (["run", "DRIVE", "--stop", "soon"], "argument --stop: 'soon' is not a number"),
-        (["run", "DRIVE", "--stop", "motor.T=1"], "start values are given with --set or --start"),
-        (
-            ["run", "DRIVE", "--step", "3N"],
-            "'3N' is not a time: its unit must be one of s, ms, us, min, h",
-        ),
-        (["run", "DRIVE", "--start", "motor.T=5kg"], "motor.T [s] cannot be given in kg"),
-        (["info", "DRIVE", "--start", "5"], "argument --start: '5' must read NAME=VALUE"),
-        (
-            ["run", "DRIVE", "--step", "2"],
-            "step = 2.0 s must be at most the time from start to stop, 1.0 s",
-        ),
-        (["certify", "DRIVE"], "there is no command 'certify': use run --certify"),
-        (["run", "DRIVE", "--algorithm", "euler"], "invalid choice: 'euler'"),
-        (["run", "DRIVE", "--substeps", "motor=1.5"], "must be a whole number"),
-        (["run", "DRIVE", "--out", "x.xls"], "must end in .csv or .parquet"),
-        (["frobnicate"], "invalid choice"),
-        ([], "the following arguments are required: COMMAND"),
-    ],
-)
-def test_bad_input_ends_with_code_2(
-    drive: Path, command_output: CommandOutput, arguments: list[str], message: str
-) -> None:
-    assert message in command_output(
-        *(drive if word == "DRIVE" else word for word in arguments), code=2
-    )
 
 
 def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from cosim import Series, SetupError, System, Wire, run
 from cosim.names import only
-from tests.cosim.conftest import CommandOutput
 
 WIRES = ["m.tau -> c.tau", "c.w -> m.w"]
 SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
@@ -125,32 +124,6 @@ def test_what_is_right_stays_right(fmus: Path) -> None:
         {"m.w": Series.of({"t": [0, 1], "w": [0, 1]})},
     ):
         run(System({"m": parts["m"]}, inputs=inputs), stop=1, step=1, tolerance=None)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["rnu", "{}"], "did you mean run?"),
-        (["run", "{}", "--set", "DriveMotor.Taau=1"], "did you mean tau?"),
-        (["run", "{}", "--set", "DrivMotor.T=1"], "did you mean DriveMotor?"),
-        (["run", "{}", "--algorithm", "Gauss-Seidel"], "did you mean gauss-seidel?"),
-        (["run", "{}", "--record", "DriveMotor.tay"], "did you mean tau?"),
-    ],
-)
-def test_the_shell_says_what_was_meant(
-    arguments: list[str], message: str, fmus: Path, command_output: CommandOutput
-) -> None:
-    words = [word.format(fmus / "DriveMotor.fmu") for word in arguments]
-    assert message in command_output(*words, code=2)
-
-
-def test_the_step_of_a_file_is_no_longer_than_the_run(
-    fmus: Path, command_output: CommandOutput
-) -> None:
-    """The one that the FMU prefers; one that is asked for is refused."""
-    fmu = fmus / "DriveMotor.fmu"
-    assert "step" in command_output("run", fmu, "--stop", "0.5", "--step", "2", code=2)
-    assert "1 step" in command_output("run", fmu, "--stop", "1e-5", "--set", "DriveMotor.w=1")
 
 
 @pytest.mark.parametrize(("right", "wrong"), [("robot", "mobot"), ("gear", "gaer"), (".T", ".K")])

@@ -100,67 +100,6 @@ def test_cases_come_from_a_file_or_are_drawn(
     assert text.startswith("2 runs")
 
 
-@pytest.mark.parametrize(
-    ("options", "reason"),
-    [
-        ([], "say what differs from run to run"),
-        (["--vary", "motor.Q=1:2:3"], "motor has no variable 'Q', only characteristic, A"),
-        (["--vary", "pump.Q=1,2"], "there is no part 'pump', only motor, conveyor"),
-        (["--vary", "motor.A=1:2:1"], "must read NAME=from:to:n with n of at least 2"),
-        (["--vary", "motor.A=1:2"], "must read NAME=from:to:n"),
-        (["--vary", "motor.A=1:2:1000000000"], "1000000000 runs are more than a sweep may have"),
-        (
-            ["--vary", "motor.A=1:2:2000", "--vary", "motor.T=1:2:2000"],
-            "4000000 runs are more than a sweep may have: at most 1000000",
-        ),
-        (["--sample", "1000000000", "--within", "motor.A=1..2"], "1000000000 runs are more"),
-        (["--vary", "motor.A=a,b"], "motor.A [N.m] = 'a' must be"),
-        (["--vary", "motor.T=1kg,2"], "motor.T [s] cannot be given in kg"),
-        (
-            ["--vary", "conveyor.tau=1,2"],
-            "conveyor.tau is driven by motor.tau [N.m]: its start value changes no",
-        ),
-        (["--vary", "motor.T=-1,2"], "must be at least 0.0 s"),
-        (["--vary", "motor.A=1,2", "--vary", "motor.A=3"], "motor.A is given twice"),
-        (
-            ["--vary", "motor.A=1,2", "--vary", "motor.T=3", "--together"],
-            "motor.A has 2, motor.T has 1",
-        ),
-        (["--together", "--sample", "2", "--within", "motor.A=1..2"], "--together needs --vary"),
-        (["--vary", "motor.A=1,2", "--figure", "biggest:motor.tau"], "must read KIND:COLUMN"),
-        (
-            ["--vary", "motor.A=1,2", "--figure", "largest:motor.torque"],
-            "motor has no variable 'torque'",
-        ),
-        (["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@a..b"], "'a' is not a number"),
-        (
-            ["--vary", "motor.A=1,2", "--figure", "largest:motor.tau@2..3"],
-            "largest of motor.tau from 2 to 3 s: its stretch must lie in the run",
-        ),
-        (["--sample", "3"], "--within NAME=a..b"),
-        (["--sample", "3", "--within", "motor.A=3..2"], "the first value must be below the second"),
-        (["--sample", "3", "--vary", "motor.A=1,2"], "--vary and --sample cannot be used together"),
-        (["--table", "missing.csv"], "missing.csv cannot be read as a table"),
-        (["--vary", "motor.A=1,2", "--out", "x.txt"], "x.txt must end in .csv or .parquet"),
-        (
-            ["--vary", "motor.A=1,2", "--jobs", "0"],
-            "--jobs: '0' must be a whole number, at least 1",
-        ),
-        (
-            ["--sample", "3", "--within", "motor.A=1..2", "--seed", "-1"],
-            "--seed: '-1' must be a whole number, at least 0",
-        ),
-        (["--vary", "motor.characteristic=linear,foo"], "must be one of linear, kloss"),
-        (["--vary", "motor.A"], "'motor.A' must read NAME=VALUE"),
-    ],
-)
-def test_what_is_wrong_is_said_in_one_line(
-    options: list[str], reason: str, fmus: Path, command_output: CommandOutput
-) -> None:
-    shared = ["--stop", "0.01", "--step", "1e-3", "--figure", TORQUE]
-    assert reason in command_output("sweep", *parts(fmus), *shared, *options, code=2)
-
-
 def test_each_figure_may_have_its_error(fmus: Path) -> None:
     """That of `certify`; a figure without one says why."""
     cases = combinations({"motor.A": [7000.0, 8000.0]})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +11,6 @@ from typing import Any
 import pytest
 from scipy.optimize import brentq
 
-from cosim import SetupError
 from examples import logger, measured_conveyor, measured_iron
 from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
@@ -126,31 +124,6 @@ def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
     measured_conveyor.record(drift=0.01).to_csv(path, index=False)
     answer = ask("identify", **{**QUICK["identify"], "data": str(path)})
     assert all(figure.error is None for figure in answer.figures.values())
-
-
-REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"data": ""}, "a record is needed: --data FILE.csv --map conveyor.w="),
-    ({"data": "none.csv"}, "none.csv cannot be read as a table"),
-    ({"map": ["time=t", "motor.tau=M:N.m"]}, "no column is mapped to conveyor.w"),
-    ({"map": ["conveyor.w=n", "conveyor.w=M"]}, "map 'conveyor.w=M': conveyor.w is mapped twice"),
-    ({"map": ["time=t", "conveyor.w=n", "motor.tau=n:N.m"]}, "column n: it is mapped twice"),
-    ({"map": ["time=t", "conveyor.w=n:kg"]}, "conveyor.w [rad/s] cannot be compared with a column"),
-    (
-        {"map": ["time=t", "conveyor.w=n"], "known": []},
-        "speed alone determines neither mass nor torque",
-    ),
-    ({"known": ["conveyor.trough.m=200"]}, "must read NAME=VALUE+-DEVIATION"),
-    ({"known": ["conveyor.trough.m=200+-0"]}, "the deviation must be above 0"),
-    ({"known": ["conveyor.x=0+-1"]}, "conveyor.x [m] cannot be free"),
-    ({"noise": ["conveyor.w=some"]}, "noise 'conveyor.w=some' must read NAME=NUMBER, or"),
-]
-
-
-@pytest.mark.parametrize(("options", "message"), REFUSED, ids=[str(x) for x, _ in REFUSED])
-def test_bad_input_is_refused_in_a_line(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(SetupError, match=re.escape(message)) as raised:
-        ask("identify", **{**QUICK["identify"], **options})
-    assert "\n" not in str(raised.value)
 
 
 def test_priors_are_read_in_percent_too() -> None:

@@ -20,7 +20,7 @@ from scenarios.conveyor.first_order import SETS, longest_step
 from scenarios.iron.questions import iron_orders
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, restore_ctrl_c
-from workbench import catalog, cli
+from workbench import cli
 
 EXPECTED: dict[str, Any] = {
     "A": {
@@ -145,104 +145,10 @@ def test_stability_limits_are_those_of_the_linearised_map() -> None:
     assert longest_step(SETS["A"], "jacobi") == pytest.approx(ideal, rel=1e-3)
 
 
-REFUSED = [
-    ("run resonanz", f"'resonanz' must be one of {', '.join(catalog.names(PROJECT.home))}, or"),
-    ("run resonanse", "or an existing file NAME.py: did you mean 'resonance'?"),
-    ("run none.py", "'none.py' must be one of"),
-    ("run resonance --speed 420 rpm", "'rpm' after 420 belongs to no option: write 420rpm"),
-    ("run resonance --set A --speed 4.2e2 rpm --speeds 40", "write 4.2e2rpm"),
-    ("run resonance quickly", "'quickly' belongs to no option; options of resonance begin with --"),
-    ("sweep", "invalid choice: 'sweep'"),
-    ("run resonance --sped 3", "resonance has no option 'sped': did you mean 'speed'?"),
-    ("run run_up --within 3", "run_up has no option 'within'"),
-    ("run resonance --set C", "set = 'C' must be one of A, B"),
-    ("run resonance --algorithm euler", "algorithm = 'euler' must be one of jacobi"),
-    ("run resonance --flavour wasm", "--flavour: invalid choice: 'wasm'"),
-    ("run resonance --steps-per-rev 12", "12 steps per revolution must be at least 18"),
-    (
-        "run resonance --steps-per-rev 150",
-        "150 steps per revolution must be a multiple of 4: steps that",
-    ),
-    (
-        "run rod_force --steps-per-rev 513",
-        "are exactly 2 and 4 times longer give the errors. Take 516",
-    ),
-    (
-        "run resonance --algorithm jacobi --steps-per-rev 61 --speeds 40",
-        "61 steps per revolution are unstable with jacobi at 40 rad/s: the step must stay below 0.00257 s, "
-        "and a revolution takes 0.1571 s. Take 64 or more steps per revolution, or a speed above 40.2",
-    ),
-    (
-        "run resonance --speed 1e-3",
-        "Take 249524 or more steps per revolution, or a speed above 0.487 rad/s",
-    ),
-    ("run resonance --speeds 30;40", "speeds = '30;40' must read from:to:number or a,b,c"),
-    ("run resonance --speeds 0,40", "speeds = 0 rad/s must be a finite number above 0 rad/s"),
-    ("run resonance --speeds 30:40:0", "speeds = '30:40:0' contains no number"),
-    ("run resonance --speeds 30rpm:40rad/s:3", "speeds = '30rpm:40rad/s:3' must be in one unit"),
-    (
-        "run rod_force --springs 0:1e6:3",
-        "springs = (0.0, 500000.0, 1000000.0) N/m must be 4 values",
-    ),
-    ("run rod_force --springs=-1,0,1,2", "springs = -1 N/m must be a finite number at least 0 N/m"),
-    ("run rod_force --start conveyor.w=3", "conveyor.w: this question sets it itself"),
-    ("run resonance --jobs 0", "jobs = 0 must be at least 1"),
-    ("run resonance --jobs 2 --scheduler tcp://x:1", "the scheduler has its own workers"),
-    ("run resonance --scheduler x", "scheduler = 'x' must read tcp://HOST:PORT"),
-    ("study some.toml --out README.md", "argument --out: 'README.md' is not a folder"),
-    ("run resonance --jobs two", "--jobs: invalid int value: 'two'"),
-    ("run run_up --set motor.T=1", "of A, B; a start value of an FMU is given with --start"),
-    ("run run_up --step 0", "step = 0 s must be a finite number above 0 s"),
-    ("run run_up --step 2rpm", "step = '2rpm' must be a number in s or ms or us or min"),
-    ("run run_up --speed nan", "speed = nan rad/s must be a finite number above 0 rad/s"),
-    ("run run_up --stop -1", "stop = -1 s must be a finite number above 0 s"),
-    ("run iron_cycle --start iron.cam.R_b=0.05", "cam triangle cannot close: cam.R_b = 0.05"),
-    ("run iron_cycle --start iron.cam.R", "'iron.cam.R' must read NAME=VALUE"),
-    ("run iron_cycle --samples 1.5", "samples = '1.5' must be a whole number"),
-    ("run iron_start --motor-T 0", "motor_T = 0 s must be a finite number above 0 s"),
-    ("run iron_orders --speeds=-1", "speeds = -1 rad/s must be a finite number above 0 rad/s"),
-    ("run iron_start --step 1", "step = 1 s must be at most 0.1875 s, a 16th of stop = 3 s"),
-    ("run iron_orders --start motor.tau=1", "motor.tau: this question sets it itself"),
-    ("run orientation_time --frictions a", "frictions = 'a' must read from:to:number or a,b,c"),
-    (
-        "run orientation_time --compare formula --frictions 0,0.1",
-        "frictions = 0 must be a finite number above 0",
-    ),
-    (
-        "run orientation_time --compare neglected --rim=-1mm",
-        "rim = -0.001 m must be a finite number at least 0 m",
-    ),
-    (
-        "run orientation_time --compare neglected --start orientator.neglected.rim=1",
-        "this question sets it itself",
-    ),
-    ("run orientator_cycle --speed inf", "speed = inf rad/s must be a finite number at least 0"),
-    ("run packing_line --gear 0", "gear = 0 must be a finite number above 0"),
-    ("run packing_line --iron-speed nan", "iron_speed = nan rad/s must be a finite number above"),
-    (
-        "run packing_line --stop 2",
-        "stop = 2 s is too short: it covers 1 of the 4 releases needed. The",
-    ),
-    ("run packing_line --set C", "set = 'C' must be one of A, B"),
-    ("run packing_line --iron-speed 0.5 --stop 33", "the cam stops or turns back"),
-]
 FAILED = [
     ("run packing_line --iron-speed 9", "iron: doStep(t = 0.4", "cam follower lifts off", 0.45),
     ("run iron_start --motor-A 8", "iron: doStep(t = 0.4", "cam follower lifts off", 0.47),
 ]
-
-
-@pytest.mark.parametrize(("command_line", "message"), REFUSED, ids=lambda x: str(x)[:40])
-def test_bad_input_gets_a_line_and_code_2(
-    command_line: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = ["--out", str(tmp_path / "out"), *NATIVE] if command_line.startswith("run ") else []
-    assert main(*command_line.split(), *out) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert message in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -207,18 +207,11 @@ class Sommerfeld(Question):
         early = [
             x.supply for x in observed.raised if x.speed > edge.value + STEADY and x.supply < least
         ]
-        if early:  # thrown over by the steps between levels
-            where = f"it does at {early[0]:g} V, before {up.brief()}, which a slow rise takes"
+        if early:
+            where = f"the steps between these levels throw it past at {early[0]:g} V; {where}"
+        yes = f"The motor passes {resonance}; supply needed, raised slowly"
         return [
-            Judgement(
-                passes,
-                up,
-                most=top.supply,
-                is_so=True if early else None,
-                note=where,
-                yes=yes if early else f"The motor passes {resonance}; supply needed, raised slowly",
-                no=no,
-            ),
+            Judgement(passes, up, most=top.supply, note=where, yes=yes, no=no),
             *from_rest(f, observed),
             Judgement("speed before the jump past the resonance", f["before_up"]),
             Judgement("speed after the jump past the resonance", f["after_up"]),
