@@ -51,7 +51,7 @@ TRACE = "tests/fmukit/test_jet.py tests/fmukit/test_ops.py tests/fmukit/test_exc
 
 MUTANTS = (
     Mutant("DriveMotor: the slope of the characteristic has the wrong sign",
-           "components/drive_motor/model.py", "return p.A - p.B * w", "return p.A + p.B * w", PHYSICS),
+           "components/drive_motor/model.py", "return p.A - p.B * w", "return p.A + p.B * w", PARTS),
     Mutant("DriveMotor: Kloss' formula without its factor 2",
            "components/drive_motor/model.py", "return 2.0 * p.kloss.tau_b", "return p.kloss.tau_b", PHYSICS),
     Mutant("DriveMotor: the exact step takes the slip of a speed that changes the other way",
