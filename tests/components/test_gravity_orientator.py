@@ -192,6 +192,19 @@ def test_positions_are_continuous_and_energy_falls_only_at_the_four_impacts() ->
     }
 
 
+def test_without_speed_and_friction_energy_is_kept_between_the_impacts() -> None:
+    """Of catcher, cup and spring, in every stage."""
+    p, _, events = passage(0, 0.0)
+    u = model.Inputs(0.0, True)
+    energies = [
+        [y.E_kin + y.E_pot for y in (model.outputs(p, 0.0, x, u) for x in (old, new))]
+        for _, old, new in events
+    ]
+    assert len(energies) > 4
+    for (_, after), (before, _) in itertools.pairwise(energies):
+        assert before == pytest.approx(after, rel=1e-10)
+
+
 @functools.cache
 def lagrange() -> Any:
     """Lagrange's equations of the first kind in phi1, phi2, xc, yc, for each stage.
