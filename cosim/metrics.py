@@ -159,6 +159,18 @@ class Metric:
         """The same for whole curves."""
         return np.zeros(len(curves))
 
+    @property
+    def height(self) -> Metric | None:
+        """Of a time the value whose error may make it another one, see `rivals`."""
+        return None
+
+    def rivals(self, curves: Curves, error: float, apart: float) -> Array:
+        """Of a single curve the times [s], further from this one than `apart`, that it may be within an error of its height.
+
+        One of them is nan where it may be at no time.
+        """
+        return np.empty(0)
+
     def lack(self, unit: str, *curves: Curves) -> str:
         """Why it has no number of single curves, with the unit of its column."""
         return "it has no value in its stretch of the run"
@@ -292,7 +304,7 @@ class TimeOfLargest(Metric):
         return of(self.column, begin=self.begin, end=self.end)
 
     def rivals(self, curves: Curves, error: float, apart: float) -> Array:
-        """Of a single curve the times [s] of other peaks within an error of the height, further from it than `apart` [s]."""
+        """The times of other peaks that are as high."""
         ((_, curve),) = self.parts(curves)
         if curve is None:
             return np.empty(0)
@@ -335,6 +347,18 @@ class Crossing(Metric):
     def times_of_value(self, curves: Curves) -> Array:
         """The time itself."""
         return self.measure(curves)[None]
+
+    @property
+    def height(self) -> Metric:
+        """What has the error of both extremes."""
+        return Swing(self.column, begin=self.begin, end=self.end)
+
+    def rivals(self, curves: Curves, error: float, apart: float) -> Array:
+        """The first times at which levels beside its own are passed, as where it is only just reached."""
+        levels = (self.level - error, self.level, self.level + error)
+        low, time, high = (float(replace(self, level=x)(curves)[0]) for x in levels)
+        other = np.array([low, high])
+        return other[~(np.abs(other - time) <= apart)]
 
     def lack(self, unit: str, *curves: Curves) -> str:
         """On which side of the level it stays, and how far it gets."""

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ..dense import Array, Mask
-from ..metrics import Metric, TimeOfLargest
+from ..metrics import Metric
 from ..result import Result, Rows
 from .estimate import Estimate
 from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
@@ -197,8 +197,8 @@ def judge_metrics(
         From when on, and in which columns, these have diverged.
     """
     forms = Forms(runs, diverged)
-    times = {name: m for name, m in metrics.items() if isinstance(m, TimeOfLargest)}
-    asked = dict(metrics) | {f"{name}\0": metric.height for name, metric in times.items()}
+    heights = {name: m.height for name, m in metrics.items() if len(m.columns) == 1 and m.height}
+    asked = dict(metrics) | {f"{name}\0": height for name, height in heights.items()}
     estimates: dict[str, Estimate] = {}
     for columns, group in _groups(asked, forms):
         for metric, of in group.items():
@@ -206,8 +206,8 @@ def judge_metrics(
     units = runs.finest.units
     for name, metric in metrics.items():
         x, unit = estimates[name], units.get(metric.columns[0], "")
-        if name in times and x.error is not None:
-            x = _beside_rivals(times[name], x, estimates[f"{name}\0"], runs)
+        if name in heights and x.error is not None:
+            x = _beside_rivals(metric, x, estimates[f"{name}\0"], runs)
         if short := metric.beyond(*runs.dense["time"][[0, -1]].tolist()):  # a part may end a run
             x = x._replace(error=None, reason=short)
         if x.error is None and math.isnan(x.value) and not x.reason:
@@ -216,27 +216,27 @@ def judge_metrics(
     return {name: estimates[name] for name in metrics}
 
 
-def _beside_rivals(
-    metric: TimeOfLargest, x: Estimate, height: Estimate, runs: NestedRuns
-) -> Estimate:
-    """The estimate of a time where other peaks of the run, or of its witness, lie within the error of the height.
+def _beside_rivals(metric: Metric, x: Estimate, height: Estimate, runs: NestedRuns) -> Estimate:
+    """The estimate of a time, where the error of the height leaves others to the run, or to its witness.
 
     It may be at any of them. Where events may be hidden it is refused, since they move peaks by any amount.
     """
     if height.error is None:
         return x._replace(error=None, reason=height.reason)
-    times: list[float] = []
+    found = np.empty(0)
     for result in (runs.dense, runs.witness):
-        if result is not None and len(metric.columns) == 1:
+        if result is not None:
             curve = result.solution(metric.columns[0])
             apart = STEP_RATIO * float(np.diff(curve.t).max())
-            times += metric.rivals(curve, height.error, apart).tolist()
-    if not times:
+            found = np.concatenate([found, metric.rivals(curve, height.error, apart)])
+    if not len(found):
         return x
+    if np.isnan(found).any():
+        return x._replace(error=None, reason=TOUCHES)
     if runs.tells_events:
-        furthest = max(abs(t - x.value) for t in times)
+        furthest = float(np.abs(found - x.value).max())
         return x._replace(error=max(x.error or 0.0, furthest + x.rows))
-    names = ", ".join(f"{t:.4g}" for t in sorted(times)[:MOST_RIVALS])
+    names = ", ".join(f"{t:.4g}" for t in np.unique(found)[:MOST_RIVALS])
     return x._replace(error=None, reason=RIVALS.format(names))
 
 

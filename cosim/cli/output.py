@@ -64,18 +64,26 @@ def require_separate_files(options: argparse.Namespace, parts: Iterable[Path] = 
     beside, unfinished = [*map(facts_path, tables)], [*map(partial_file, tables)]
     journals = [path.with_suffix(".journal") for path in unfinished]
     for output in (*outputs, *beside, *unfinished, *map(facts_path, unfinished), *journals):
-        if not output.is_file():
+        if not _is_file(output):
             continue
         for path in (*read, *map(facts_path, read)):
             if path.is_file() and path.samefile(output):
                 raise SetupError(
                     f"{output} is read by this command and would be overwritten: write another --out"
                 )
-    for path in filter(Path.is_file, beside):
+    for path in filter(_is_file, beside):
         if not is_of_result(path):
             raise SetupError(
                 f"{path} is no file of a result and would be overwritten: move it, or write another --out"
             )
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that is too long for one is refused where it is to be written."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
 
 
 def require_outputs(options: argparse.Namespace) -> None:

@@ -23,7 +23,7 @@ SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
     "a change as a tuple": ({"changes": [(1.0, "m.w", 2.0)]}, "in changes must be a text"),
     "a text as bonds": ({"bonds": "m.tau * c.w"}, "bonds must be a sequence of texts: write ['m.tau * c.w']"),
     "start as a list": ({"start": ["m.T=0.05"]}, "start must be values by name: write {'motor.T': 0.05}"),
-    "start as a text": ({"start": {"m.T": "50ms"}}, "m.T [s] = '50ms' must be of type Real: write 0.05"),
+    "start as a text": ({"start": {"m.T": "50 N"}}, "m.T [s] cannot be given in N: N cannot be converted to s"),
     "start as an array": ({"start": {"m.T": [0.05]}}, "m.T [s] = [0.05] must be of type Real"),
     "start of nothing": ({"start": {"m.T": None}}, "m.T [s] = None must be of type Real"),
     "inputs as a list": ({"inputs": [1.0]}, "inputs must be values by name"),

