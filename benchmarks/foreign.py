@@ -1,10 +1,9 @@
 """Anybody's FMUs in the master and in FMPy.
 
 Every FMI 2.0 co-simulation FMU below the folder is run alone over its default experiment, at most 1000
-steps, by the master and by FMPy, each in a process of its own. The table tells the largest deviation of an
+steps, by the master and by FMPy's class of FMUs, each in a process of its own. The table tells the largest deviation of an
 output at a communication point, of the largest value of that output. Both hand over the tolerance that
-an FMU states, and tell it no stop time. FMPy adds up its time, step by step, and sets no inputs; where that
-differs, `same times` drives FMPy's own FMU class at the master's points, with inputs at their declared start.
+an FMU states, set inputs to their declared start, and tell it no stop time.
 """
 
 from __future__ import annotations
@@ -36,8 +35,6 @@ MOST = 1000
 #: Share of a step that may be left at the stop without a step of its own. Derived: the product of a number of steps up
 #: to MOST and the step is rounded by 2^-53 of it, 1e-13 of a step.
 LEFT_OVER = 1e-9
-#: Largest relative difference of two masters that is called rounding. Chosen: some thousand roundings of a double.
-ROUNDING = 1e-12
 #: Least size that a difference is compared with. Chosen: near the smallest double, so that outputs of zero are compared.
 LEAST_SCALE = 1e-300
 Columns = dict[str, list[float]]
@@ -67,15 +64,6 @@ def by_master(task: Task) -> Columns:
 
 
 def by_fmpy(task: Task) -> Columns:
-    path, step, stop, outputs = task
-    rows = fmpy.simulate_fmu(
-        path, validate=False, stop_time=stop, output_interval=step, output=outputs,
-        fmi_type="CoSimulation", step_size=step, set_stop_time=False,
-    )  # fmt: skip
-    return {name: rows[name].tolist() for name in ("time", *outputs)}
-
-
-def by_fmpy_at_times_of_master(task: Task) -> Columns:
     path, step, stop, outputs = task
     description = fmpy.read_model_description(path, validate=False)
     refs = {v.name: v.valueReference for v in description.modelVariables}
@@ -143,7 +131,7 @@ def largest_relative_difference(ours: Columns, theirs: Columns) -> float:
     return worst
 
 
-METHODS = {"master": by_master, "FMPy": by_fmpy, "same times": by_fmpy_at_times_of_master}
+METHODS = {"master": by_master, "FMPy": by_fmpy}
 
 
 def row(path: Path, folder: Path) -> list[str]:
@@ -160,11 +148,7 @@ def row(path: Path, folder: Path) -> list[str]:
     if isinstance(theirs, str):
         return [label, tool, f"runs; FMPy: {theirs}"]
     worst = largest_relative_difference(ours, theirs)
-    text = f"{worst:.1e}" if len(task[3]) else "no output to compare"
-    if worst > ROUNDING:
-        again = isolated("same times", task)
-        text += f"; same times: {again if isinstance(again, str) else f'{largest_relative_difference(ours, again):.1e}'}"
-    return [label, tool, text]
+    return [label, tool, f"{worst:.1e}" if task[3] else "no output to compare"]
 
 
 def main() -> None:

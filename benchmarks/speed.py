@@ -1,0 +1,558 @@
+"""What steps, runs, answers and studies cost: here, in another checkout, by other masters and by hand.
+
+A line of the table is a piece of work in a process of its own: the median of its processor time, child processes
+included, after a first time, for one of what it makes many of, and the most memory of the process. `--against` names
+a folder with a checkout, its own environment and built FMUs, where the same work is done for the ratio. Other masters
+take what `pip install libcosimpy ecospy tbb` installs. `--threads` compares two threads of members with two programs
+in C, in wall time, which needs two idle cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import importlib
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from itertools import count, islice
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+from zipfile import ZipFile
+
+#: The page that this backs, and its heading.
+CLAIM = ("docs/speed.md", "What a communication step costs")
+
+ROOT = Path(__file__).resolve().parents[1]
+#: Step of the pair of motor and conveyor [s]. Chosen: that of the FMUs' default experiment.
+H = 1e-3
+#: Step of the runs of an ensemble [s]. Chosen: the resonance's angle step at 512 steps per turn.
+FINE = 3e-4
+#: Steps of a run, and members of an ensemble. Chosen: what members share is a thousandth of each.
+STEPS = MEMBERS = 1000
+#: Steps of a long run by Python FMUs, and by native ones: chosen, about a second.
+LONG, LONGER = 20_000, 1_000_000
+#: Relative and absolute tolerance of the drive as one differential equation: a convention, which limits its speed.
+EXACT_TOLERANCE = 1e-10
+PARTS = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
+WIRES = (("motor", "tau", "conveyor", "tau"), ("conveyor", "w", "motor", "w"))
+COLUMNS = ["motor.tau", "conveyor.phi", "conveyor.w", "conveyor.f_rod"]
+STUDY = """
+scenario = "resonance"
+[fixed]
+speeds = "30:52:7"
+steps_per_rev = 512
+[grid]
+"motor.T" = { from = 0.055, to = 0.07, number = 4 }
+"""
+Work = Callable[[], object]
+
+
+class Line(NamedTuple):
+    """What a line says, what makes its work in a checkout, and how many of what it says the work holds."""
+
+    words: str
+    make: Callable[[Path], Work]
+    count: int = 1
+
+
+def pairs(fmus: Path, number: int = 1) -> Any:
+    """So many motors and conveyors, wired two by two."""
+    from cosim import System
+
+    parts: dict[str, Path] = {}
+    wires: list[str] = []
+    for k in [""] if number == 1 else range(number):
+        parts |= {f"{part}{k}": fmus / f"{name}.fmu" for part, name in PARTS.items()}
+        wires += [f"{a}{k}.{x} -> {b}{k}.{y}" for a, x, b, y in WIRES]
+    return System(parts, wires)
+
+
+def steps_of_the_master(flavour: str, steps: int, number: int = 1) -> Callable[[Path], Work]:
+    """Jacobi with hardly a row."""
+
+    def make(root: Path) -> Work:
+        from cosim import run
+
+        system = pairs(root / "fmus" / flavour, number)
+        settings: dict[str, Any] = {"step": H, "algorithm": "jacobi", "output_step": H * STEPS}
+        first = [f"{x}.tau" for x in system.parts][:1]
+        return lambda: run(system, stop=steps * H, record=first, **settings)
+
+    return make
+
+
+def fmpy_methods(flavour: str, steps: int) -> Callable[[Path], Work]:
+    """Jacobi as FMPy's examples do it."""
+
+    def make(root: Path) -> Work:
+        from fmpy import extract, read_model_description
+        from fmpy.fmi2 import FMU2Slave
+
+        slaves, references = {}, {}
+        for part, name in PARTS.items():
+            path = str(root / "fmus" / flavour / f"{name}.fmu")
+            description = read_model_description(path)
+            slaves[part] = slave = FMU2Slave(
+                guid=description.guid, unzipDirectory=extract(path, tempfile.mkdtemp()),
+                modelIdentifier=description.coSimulation.modelIdentifier, instanceName=part,
+            )  # fmt: skip
+            references |= {(part, v.name): v.valueReference for v in description.modelVariables}
+            slave.instantiate()
+            slave.setupExperiment(startTime=0.0)
+            slave.enterInitializationMode()
+            slave.exitInitializationMode()
+
+        numbers = count()
+
+        def loop() -> None:
+            for n in islice(numbers, steps):
+                values = [slaves[a].getReal([references[a, x]]) for a, x, *_ in WIRES]
+                for value, (*_, b, y) in zip(values, WIRES):
+                    slaves[b].setReal([references[b, y]], value)
+                for slave in slaves.values():
+                    slave.doStep(n * H, H)
+
+        return loop
+
+    return make
+
+
+def libcosim(flavour: str, steps: int) -> Callable[[Path], Work]:
+    """The fixed-step algorithm of libcosim."""
+
+    def make(root: Path) -> Work:
+        from libcosimpy.CosimExecution import CosimExecution
+        from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+        from libcosimpy.CosimSlave import CosimLocalSlave
+
+        log_output_level(CosimLogLevel.ERROR)
+        execution = CosimExecution.from_step_size(round(H * 1e9))
+        slaves, references = {}, {}
+        for part, name in PARTS.items():
+            path = str(root / "fmus" / flavour / f"{name}.fmu")
+            slaves[part] = execution.add_local_slave(CosimLocalSlave(path, part))
+            for variable in execution.slave_variables(slaves[part]):
+                references[part, variable.name.decode()] = variable.reference
+        for a, x, b, y in WIRES:
+            ends = slaves[a], references[a, x], slaves[b], references[b, y]
+            execution.connect_real_variables(*ends)
+        done = iter(range(steps, 10**12, steps))
+        return lambda: execution.simulate_until(round(next(done) * H * 1e9))
+
+    return make
+
+
+def ecos(flavour: str, steps: int) -> Callable[[Path], Work]:
+    """Ecos' fixed-step algorithm."""
+
+    def make(root: Path) -> Work:
+        ctypes.CDLL(sys.prefix + "/lib/libtbb.so.12", ctypes.RTLD_GLOBAL)
+        from ecospy import EcosSimulation, EcosSimulationStructure
+
+        structure = EcosSimulationStructure()
+        for part, name in PARTS.items():
+            structure.add_model(part, str(root / "fmus" / flavour / f"{name}.fmu"))
+        for a, x, b, y in WIRES:
+            structure.make_real_connection(f"{a}::{x}", f"{b}::{y}")
+        simulation = EcosSimulation(H, structure=structure)
+        simulation.init()
+        return lambda: simulation.step(steps)
+
+    return make
+
+
+def dop853(_: Path) -> Work:
+    """The drive as one system in SciPy, as precise as the FMUs; no communication at all."""
+    from scipy.integrate import solve_ivp
+
+    from components.crank_conveyor import model as conveyor
+    from components.drive_motor import model as motor
+    from fmukit.declare.record import start
+
+    p, q = start(motor.Parameters), start(conveyor.Parameters)
+
+    def rates(t: float, y: Sequence[float]) -> list[float]:
+        phi, w, tau = y
+        x, u = conveyor.State(phi, w), conveyor.Inputs(tau)
+        lag = motor.derivatives(p, t, motor.State(tau), motor.Inputs(w))
+        return [*conveyor.derivatives(q, t, x, u), *lag]
+
+    accuracy = {"rtol": EXACT_TOLERANCE, "atol": EXACT_TOLERANCE, "max_step": 1.0}
+    return lambda: solve_ivp(rates, (0.0, LONG * H), [0.0, 40.0, 8.0], "DOP853", **accuracy)
+
+
+def bare_slaves(root: Path) -> Work:
+    """The steps of the slaves in the Python FMUs without any FMI."""
+    from fmukit.fmu.load import load
+    from fmukit.fmu.python.package import hashed_build
+
+    slaves = []
+    for name in ("drive_motor", "crank_conveyor"):
+        build = hashed_build(load(root / "components" / name / "model.py"))
+        with tempfile.TemporaryDirectory() as folder:
+            source = Path(folder) / f"{build.module}.py"
+            source.write_bytes(build.resources[source.name])
+            sys.path.insert(0, folder)
+            slave = importlib.import_module(build.module).slave_class(instance_name=name)
+            sys.path.remove(folder)
+        slave.setup_experiment(0.0, None, None)
+        slave.enter_initialization_mode()
+        slave.exit_initialization_mode()
+        slaves.append(slave)
+    motor, conveyor = slaves
+    (tau, w), (w_in, tau_in) = (
+        [[v.name for v in x.variables].index(name) for name in names]
+        for x, names in ((motor, ("tau", "w")), (conveyor, ("w", "tau")))
+    )
+
+    numbers = count()
+
+    def loop() -> None:
+        for n in islice(numbers, LONG):
+            heard = motor.values[tau]
+            motor.values[w], conveyor.values[tau_in] = conveyor.values[w_in], heard
+            motor.do_step(n * H, H)
+            conveyor.do_step(n * H, H)
+
+    return loop
+
+
+def by_hand(*, portable: bool) -> Callable[[Path], Work]:
+    """The drive as one program in C, with as many evaluations as the FMUs need; compiled for this processor, or as
+    portable as FMUs are: there every operation is rounded, so that flavours and processors agree.
+    """
+
+    def make(_: Path) -> Work:
+        command = [str(compiled(portable=portable)), str(10 * LONGER), "1"]
+        return lambda: subprocess.run(command, check=True, capture_output=True)
+
+    return make
+
+
+def compiled(*, portable: bool) -> Path:
+    """The program of limit.c."""
+    from fmukit.fmu.native.package import OPTIONS
+
+    program = Path(tempfile.mkdtemp()) / "limit"
+    target = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
+    options = [*(target if portable else ["-O2"]), "-o", program, ROOT / "benchmarks" / "limit.c"]
+    subprocess.run([sys.executable, "-m", "ziglang", "cc", *map(str, options), "-lm"], check=True)
+    return program
+
+
+def members(steps: int, every: int, number: int) -> Callable[[Path], Work]:
+    """Members of an ensemble of runs, with a row at every so many steps."""
+
+    def make(root: Path) -> Work:
+        from cosim import Prepared, RunSettings
+
+        system = pairs(root / "fmus" / "native")
+        settings = RunSettings(steps * FINE, FINE, output_step=every * FINE, record=COLUMNS)
+        cases = {"motor.A": [7000.0 + k / number for k in range(number)]}
+
+        def work() -> None:
+            with Prepared.open(system, settings) as prepared:
+                for block in prepared.blocks(cases):
+                    assert not len(block.failed)
+
+        return work
+
+    return make
+
+
+def single_run(root: Path) -> Work:
+    """A run with all rows."""
+    from cosim import run
+
+    system = pairs(root / "fmus" / "native")
+    return lambda: run(system, stop=STEPS * FINE, step=FINE, record=COLUMNS)
+
+
+def prepared_runs(number: int) -> Callable[[Path], Work]:
+    """So many runs of what is prepared once."""
+
+    def make(root: Path) -> Work:
+        from cosim import Prepared, RunSettings
+
+        system = pairs(root / "fmus" / "native")
+        settings = RunSettings(STEPS * FINE, FINE, record=COLUMNS)
+
+        def work() -> None:
+            with Prepared.open(system, settings) as prepared:
+                for _ in range(number):
+                    prepared.run()
+
+        return work
+
+    return make
+
+
+def sweep_runs(root: Path) -> Work:
+    """Runs of a sweep with a figure."""
+    from cosim import sweep
+    from cosim.metrics import Largest
+
+    system = pairs(root / "fmus" / "native")
+    cases = {"motor.A": [7000.0 + k for k in range(MEMBERS)]}
+    settings: dict[str, Any] = {"stop": STEPS * FINE, "step": FINE, "record": COLUMNS}
+    return lambda: sweep(system, cases, {"torque": Largest("motor.tau")}, **settings)
+
+
+def adaptive_run(root: Path) -> Work:
+    """A run whose steps follow a tolerance."""
+    from cosim import Adaptive, run
+
+    system = pairs(root / "fmus" / "native")
+    return lambda: run(system, stop=0.3, step=Adaptive(1e-6), record=COLUMNS)
+
+
+def rows_between_steps(root: Path) -> Work:
+    """A long run of fine steps with few rows."""
+    from cosim import run
+
+    system = pairs(root / "fmus" / "native")
+    return lambda: run(system, stop=LONGER * 1e-5, step=1e-5, output_step=1e-3, record=COLUMNS)
+
+
+def certified(rows: int, step: float = FINE) -> Callable[[Path], Work]:
+    """A certified run whose finest has so many rows."""
+
+    def make(root: Path) -> Work:
+        from cosim import certify
+
+        system = pairs(root / "fmus" / "native")
+        stop = rows * step / 4.0
+        settings = {"stop": stop, "step": step, "output_step": max(step, stop / STEPS)}
+        return lambda: certify(system, record=COLUMNS, **settings)
+
+    return make
+
+
+def ask_question(name: str) -> Callable[[Path], Work]:
+    """A question of the scenarios, again in a process."""
+
+    def make(_: Path) -> Work:
+        from scenarios import ask
+
+        return lambda: ask(name, jobs=1)
+
+    return make
+
+
+def run_study(_: Path) -> Work:
+    """A study with its own start-up."""
+    import scenarios
+
+    def work() -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "study.toml"
+            file.write_text(STUDY)
+            scenarios.study(file, out=Path(folder) / "out", jobs=1, flavour="native")
+
+    return work
+
+
+def connect_ring(number: int) -> Callable[[Path], Work]:
+    """Describe and connect so many parts in a ring, with up to four wires from each to the next."""
+
+    def make(root: Path) -> Work:
+        from cosim import System, describe
+        from cosim.system import connect
+
+        parts = {f"line.p{k}": root / "fmus" / "LinearSystem.fmu" for k in range(number)}
+        outputs = [(k, i) for k in range(number) for i in range(1, 5)]
+        wired = outputs[: 10 * number // 3]
+        wires = [f"line.p{k}.y[{i}] -> line.p{(k + 1) % number}.u[{i}]" for k, i in wired]
+        start = {f"line.p{(k + 1) % number}.u[{i}]": 0.0 for k, i in outputs[len(wired) :]}
+        system = System(parts, wires, start)
+        return lambda: list(describe.info(connect(system)))
+
+    return make
+
+
+def connect_wide(number: int) -> Callable[[Path], Work]:
+    """Describe and connect a motor with so many variables more."""
+
+    def make(root: Path) -> Work:
+        from cosim import System, describe
+        from cosim.system import connect
+
+        with ZipFile(root / "fmus" / "native" / "DriveMotor.fmu") as archive:
+            files = {name: archive.read(name) for name in archive.namelist()}
+        line = '<ScalarVariable name="v[{0}]" valueReference="1{0:06}" causality="local"><Real/></ScalarVariable>'
+        text = files["modelDescription.xml"].decode()
+        lines = "".join(line.format(k) for k in range(number))
+        files["modelDescription.xml"] = text.replace(
+            "</ModelVariables>", f"{lines}</ModelVariables>"
+        ).encode()
+        wide = Path(tempfile.mkdtemp()) / "wide.fmu"
+        with ZipFile(wide, "w") as archive:
+            for name, content in files.items():
+                archive.writestr(name, content)
+        return lambda: list(describe.info(connect(System({"m": wide}, start={"m.w": 1.0}))))
+
+    return make
+
+
+PYTHON, NATIVE = ".", "native"
+LINES = (
+    Line("a step, Python FMUs, FMPy's methods", fmpy_methods(PYTHON, LONG), LONG),
+    Line("a step, Python FMUs, this master", steps_of_the_master(PYTHON, LONG), LONG),
+    Line("a step, Python FMUs, libcosim", libcosim(PYTHON, LONG), LONG),
+    Line("a step, Python FMUs, Ecos", ecos(PYTHON, LONG), LONG),
+    Line("a step, Python FMUs, their slaves without FMI", bare_slaves, LONG),
+    Line("a step, native FMUs, FMPy's methods", fmpy_methods(NATIVE, LONG), LONG),
+    Line("a step, native FMUs, this master", steps_of_the_master(NATIVE, LONGER), LONGER),
+    Line("a step, native FMUs, libcosim", libcosim(NATIVE, LONG), LONG),
+    Line("a step, native FMUs, Ecos", ecos(NATIVE, LONG), LONG),
+    Line("a step, one system by DOP853", dop853, LONG),
+    Line("a step, one program in C", by_hand(portable=False), 10 * LONGER),
+    Line(
+        "a step, the program compiled as FMUs are",
+        by_hand(portable=True),
+        10 * LONGER,
+    ),
+    *(
+        line
+        for n in (1, 5, 25, 100, 500)
+        for line in (
+            Line(f"set-up, of {2 * n} parts each", steps_of_the_master(NATIVE, 1, n), 2 * n),
+            Line(
+                f"a step, of {2 * n} parts each",
+                steps_of_the_master(NATIVE, LONGER // n, n),
+                2 * n * (LONGER // n),
+            ),
+        )
+    ),
+    Line("describe and connect 3 000 parts, 10 000 wires", connect_ring(3000)),
+    Line("describe and connect 100 000 variables", connect_wide(100_000)),
+    Line("a member of one step", members(1, 1, 10 * MEMBERS), 10 * MEMBERS),
+    Line(f"a member of {STEPS} steps, all rows", members(STEPS, 1, MEMBERS), MEMBERS),
+    Line(f"a member of {STEPS} steps, two rows", members(STEPS, STEPS, MEMBERS), MEMBERS),
+    Line("a member of 10 steps, of 100 000", members(10, 1, 100_000), 100_000),
+    Line(f"a single run of {STEPS} steps", single_run),
+    Line(f"a run of {STEPS} steps, prepared", prepared_runs(100), 100),
+    Line("an adaptive run", adaptive_run),
+    Line("a run of 1e6 steps, rows between them", rows_between_steps),
+    Line("a run of a sweep, with its largest torque", sweep_runs, MEMBERS),
+    Line(f"certify, {STEPS} steps in the finest run", certified(STEPS)),
+    Line("certify, 2 000 000 steps in the finest run", certified(2_000_000)),
+    Line("`resonance`, again in a process", ask_question("resonance")),
+    Line("`resonance_map`, again in a process", ask_question("resonance_map")),
+    Line("a run of a study of `resonance`, start-up included", run_study, 4),
+)
+
+
+def seconds() -> float:
+    """Processor time of this process and of its children that ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(x.ru_utime + x.ru_stime for x in used)
+
+
+def measure_here(number: int, root: Path, rounds: int) -> None:
+    """Print the seconds for one of what a line says, and the most memory [MB]."""
+    sys.path[:0] = [str(root)]
+    line = LINES[number]
+    work = line.make(root)
+    work()
+    times = []
+    for _ in range(rounds):
+        began = seconds()
+        work()
+        times.append((seconds() - began) / line.count)
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    print("\nmeasured", median(times), memory, flush=True)
+
+
+def measure(number: int, root: Path, rounds: int) -> tuple[float, float] | str:
+    """The seconds and the memory [MB] of a line in a checkout, or why there are none."""
+    command = [root / ".venv" / "bin" / "python", __file__, "--line", number, "--root", root]
+    done = subprocess.run(
+        [*map(str, (*command, "--rounds", rounds))], check=False, capture_output=True, text=True, cwd=root
+    )  # fmt: skip
+    for line in done.stdout.splitlines():
+        if line.startswith("measured "):
+            time, memory = map(float, line.split()[1:])
+            return time, memory
+    return (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
+
+
+def in_words(time: float) -> str:
+    """A time in the unit that suits it."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if time >= size:
+            return f"{time / size:.3g} {unit}"
+    return f"{time / 1e-6:.3g} us"
+
+
+def compare_threads(rounds: int) -> None:
+    """Print the wall time of two threads of members over that of one, beside two programs in C over one."""
+    sys.path[:0] = [str(ROOT)]
+    from cosim import Prepared, RunSettings
+
+    def wall(work: Work) -> float:
+        began = time.perf_counter()
+        work()
+        return time.perf_counter() - began
+
+    program = compiled(portable=False)
+
+    def programs(number: int) -> None:
+        command = [str(program), str(5 * LONGER), "1"]
+        running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(number)]
+        for process in running:
+            process.wait()
+
+    cases = {"motor.A": [7000.0 + k / MEMBERS for k in range(MEMBERS)]}
+    stop = 10 * STEPS * FINE
+    settings = RunSettings(stop, FINE, output_step=stop, record=COLUMNS)
+    with Prepared.open(pairs(ROOT / "fmus" / "native"), settings) as prepared:
+        prepared.map(cases, jobs=2)
+        ratios = [
+            (wall(lambda: prepared.map(cases, jobs=2)) / wall(lambda: prepared.map(cases)),
+             0.5 * wall(lambda: programs(2)) / wall(lambda: programs(1)))
+            for _ in range(rounds)
+        ]  # fmt: skip
+    ours, bare = map(median, zip(*ratios))
+    print(f"two threads take {ours:.2f} of the time of one, two programs in C {bare:.2f}")
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--against", type=Path, help="folder of another checkout")
+    parser.add_argument("--only", default="", help="lines with these words")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--threads", action="store_true")
+    parser.add_argument("--line", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--root", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.threads:
+        compare_threads(options.rounds)
+    elif options.root:
+        measure_here(options.line, options.root, options.rounds)
+    else:
+        places = [ROOT] + ([options.against.resolve()] if options.against else [])
+        print("| | here | memory | before | ratio |\n|---|---|---|---|---|")
+        for number, line in enumerate(LINES):
+            if options.only not in line.words:
+                continue
+            found = [measure(number, place, options.rounds) for place in places]
+            cells = [
+                (x,) if isinstance(x, str) else (in_words(x[0]), f"{x[1]:.0f} MB") for x in found
+            ]
+            texts = [*cells[0], *(cells[1][:1] if len(cells) > 1 else [])]
+            if len(found) > 1 and not any(isinstance(x, str) for x in found):
+                texts.append(f"{found[0][0] / found[1][0]:.3g}")  # type: ignore[operator]
+            print(f"| {line.words} | {' | '.join(texts)} |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
