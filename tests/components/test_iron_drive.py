@@ -19,7 +19,7 @@ from components.iron_drive import model as iron
 from components.iron_drive.declarations import Side
 from cosim import System, run
 from fmukit.declare.record import replace, start
-from tests.components.iron_oracle import Reference, by_material_points, tables
+from tests.components.iron_oracle import Reference, by_material_points
 from tests.hosts.host import MESSAGES, Unit
 from tests.oracle import random_parameters
 
@@ -44,24 +44,14 @@ def quantities(p: Any, phi: float, w: float = NOMINAL, M: float | None = None) -
     d = dynamics.dynamics(p, at, w, sense, M)
     return at._asdict() | d._asdict() | y._asdict() | {
         "alpha_1": at.alpha.first, "alpha_2": at.alpha.second, "H_1": H_1, "H_2": H_2, "M": M,
-        "C_load": y.C_1, "F_spring": p.spring.c * at.e,
-        "R": geometry.cam_at(p, phi).R.value,
     }  # fmt: skip
-
-
-@pytest.mark.parametrize("deg", tables())
-def test_every_reference_row_is_met(deg: float) -> None:
-    got = quantities(machine(), radians(deg))
-    got["pressure"] = math.degrees(got["pressure"])
-    for name, value in tables()[deg].items():
-        rel = 1e-8 if name in (*FORCES, "pressure") else 1e-9
-        assert got[name] == pytest.approx(value, rel=rel, abs=1e-13), name
 
 
 @pytest.mark.parametrize("wrap", iron.Wrap)
 def test_material_points_agree(wrap: iron.Wrap) -> None:
-    """In random drives and states, and at the reference angles with their constant speed."""
-    cases = [(machine(wrap=wrap), radians(deg), NOMINAL, None) for deg in tables()]
+    """In random drives and states, and at eight angles, on all four parts of the cam, with constant speed."""
+    angles = (10, 50, 80, 130, 182, 200, 235, 300)
+    cases = [(machine(wrap=wrap), radians(deg), NOMINAL, None) for deg in angles]
     for p, phi, w, M in [*cases, *states(wrap, 12)]:
         got = quantities(p, phi, w, M)
         with mpmath.workdps(30):
@@ -80,42 +70,6 @@ def states(wrap: iron.Wrap, count: int) -> Iterator[Any]:
         side = draw.choice(list(Side))
         p = random_parameters(iron, draw, 0.1, wrap=wrap, **{"spring.side": side})
         yield p, draw.uniform(-9, 9), draw.uniform(-9, 9), draw.uniform(-9, 9)
-
-
-def values_as_printed(p: Any, phi: float, erratum: int) -> tuple[float, float]:
-    """A1, and the torque at the nominal speed, with one of the paper's errors; 0 for none."""
-    if erratum == 9:
-        p = replace(p, spring=replace(p.spring, side=-p.spring.side))
-    at, direction = geometry.position(p, phi), 1
-    (_, H_1, H_2), J_1, Pi_1 = at.H, at.J_1, at.Pi_1
-    if erratum == 1:
-        _, a_1, a_2 = at.alpha
-        H_1, H_2, direction = -H_1, H_2 - 2 * at.H_a * a_2, -1
-        J_1, Pi_1 = J_1 - 2 * at.J_aa * a_1**3, Pi_1 - 2 * at.Pi_a * a_1
-    K = (-1 if erratum == 8 else 1) * dynamics.friction_coefficient(p, at, direction)
-    B_1, C_1 = J_1 / 2 + K * p.iron.m * H_1 * H_2, K * at.W_0 * H_1 - Pi_1
-    if erratum == 6:
-        B_1 -= p.spring.m / 6 * H_1 * H_2
-    if erratum == 10:
-        C_1 += K * p.spring.m / 2 * p.g * H_1
-    if erratum == 11:
-        C_1 -= p.spring.m * p.g * H_1
-    K = -K if erratum == 7 else K
-    return at.J + K * p.iron.m * H_1**2, B_1 * NOMINAL**2 - C_1
-
-
-def test_the_equations_as_printed_cost_this_much() -> None:
-    p = machine()
-    costs = {erratum: [0.0, 0.0] for erratum in (1, 6, 7, 8, 9, 10, 11)}
-    for degrees in np.arange(0.5, 360.0, 0.5):
-        A, M = values_as_printed(p, radians(degrees), 0)
-        for erratum, worst in costs.items():
-            printed_A, printed_M = values_as_printed(p, radians(degrees), erratum)
-            worst[:] = max(worst[0], abs(printed_M - M)), max(worst[1], abs(printed_A / A - 1))
-    assert costs.pop(7) == pytest.approx([0.0, 0.0127], rel=0.01, abs=1e-10)
-    assert [cost for cost, _ in costs.values()] == pytest.approx(
-        [15.1, 6.7e-3, 1.09, 4.34, 5.4e-3, 0.144], rel=0.02
-    )
 
 
 MOTOR = {"A": 4.0, "B": 0.025, "T": 0.012}
@@ -185,12 +139,6 @@ def test_follower_leaves_its_cam_where_it_should(
     reference = Reference(start(iron.Parameters, **BOUNCING, **{"reducer.J": 1e6}, **changes), 0.0)
     flies = [reference.run(0.0, w, 2 * pi / w)["lifted"] for w in (limit * 0.999, limit * 1.001)]
     assert [len(times) for times in flies] == [0, 1]
-
-
-def test_chain_goes_slack_where_it_should() -> None:
-    p = machine()
-    for name, deg, limit in (("T_span", 182.56, 8.54097), ("T_iron", 182.57, 9.11191)):
-        assert quantities(p, radians(deg), limit)[name] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_steep_run_to_the_top_of_the_sprocket_is_warned_of() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import importlib
 import math
 import random
@@ -15,19 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from scipy.interpolate import CubicSpline
 
 from components.crank_conveyor import model as crank_conveyor
 from components.drive_motor import model as drive_motor
-from cosim.metrics import harmonics
 from fmukit.declare.model import complete_model
 from fmukit.declare.record import declarations, fill, start
 from fmukit.runtime import direction as turn
 from fmukit.runtime import hybrid as motion
 from fmukit.runtime import ode
 from scenarios.conveyor.first_order import SETS
-from tests.oracle import by_name, lagrange, monolithic, random_parameters, revolution_samples
-from tests.scenarios.orbit_oracle import Drive, orbit
+from tests.oracle import by_name, lagrange, random_parameters
 
 complete_model(crank_conveyor)
 complete_model(drive_motor)
@@ -245,62 +241,12 @@ def test_integrator_gives_up_on_what_takes_for_ever(monkeypatch: pytest.MonkeyPa
         integrate(lambda t, x: [x[1], -1e12 * x[0]], [1.0, 0.0], [1e-9, 1e-3])
 
 
-@pytest.mark.parametrize(("name", "nu", "error"), [("A", 40.0, 168.7), ("B", 30.0, 140.2)])
-def test_ripple_of_formulas_10_17_and_26_as_printed_is_wrong(
-    name: str, nu: float, error: float
-) -> None:
-    """The sign of (10), the root (1 + 2 T nu^2) of (17), the spring in the root of (26), and its phase."""
-    m, degrees = SETS[name], lambda ripple: math.degrees(cmath.phase(ripple))
-    exact, speed, torque = orbit(Drive.of(m.start(nu)), nu), m.speed_ripple(nu), m.torque_ripple(nu)
-    assert abs(degrees(torque) - degrees(exact.tau2)) < 0.11
-    printed = degrees(m.load_ripple(nu)) + math.degrees(math.atan(2 * m.T * nu))
-    assert (printed - degrees(exact.tau2)) % 360.0 == pytest.approx(error, abs=0.2)
-    if name == "A":
-        assert (speed, torque) == pytest.approx((exact.w2, exact.tau2), rel=2e-3)
-        assert degrees(-speed) - degrees(exact.w2) == pytest.approx(180.0, abs=0.1)
-        printed = abs(speed) * math.sqrt((1 + 2 * m.T * nu**2) / (1 + (2 * m.T * nu) ** 2))
-        assert (printed, abs(exact.w2)) == pytest.approx((7.45, 2.68), rel=2e-3)
-        root = math.hypot(
-            m.slope - 4 * m.theta0 * m.T * nu**2, 2 * nu * (m.theta0 + m.T * m.c * m.r**2 / 2)
-        )
-        printed = m.B * abs(m.load_ripple(nu)) / root
-        assert printed / abs(exact.tau2) - 1 == pytest.approx(-0.81, abs=0.01)
-
-
-def test_speed_equation_16_as_printed_settles_fifty_times_too_fast() -> None:
-    """A kick of the speed on the steady orbit dies out with 2 theta0 T / J, not J / B*."""
-    m, nu = SETS["A"], 40.0
-    values = m.start(nu) | {"conveyor.w": 39.6767723312, "motor.tau": -90.697972024}
-    phi, t = np.linspace(2.0, 18.0, 2001), np.linspace(0.0, 0.5, 2001)
-    runs = (
-        monolithic(values | {"conveyor.w": values["conveyor.w"] + w}, 0.5, t_eval=t).y
-        for w in (0.0, 1e-3)
-    )
-    orbit, kicked = (CubicSpline(y[0], y[2])(phi) for y in runs)
-    error = np.abs(kicked - orbit)
-    tops = np.flatnonzero((error[1:-1] > error[:-2]) & (error[1:-1] > error[2:])) + 1
-    settling = -1 / (nu * np.polyfit(phi[tops], np.log(error[tops]), 1)[0])
-    assert settling == pytest.approx(2 * m.theta0 * m.T / m.J, rel=0.02)
-    assert settling == pytest.approx(0.12195, rel=0.02)
-    assert m.J / m.slope == pytest.approx(2.56e-3, rel=2e-3)
-    assert math.exp(-math.pi * m.zeta / math.sqrt(1 - m.zeta**2)) == pytest.approx(0.72, abs=4e-3)
-
-
 def test_rod_force_is_least_below_the_speed_that_the_text_after_17_names() -> None:
     m = SETS["A"]
     nu = np.linspace(50.0, 70.0, 20001)
     force = [abs(m.load_ripple(float(n))) for n in nu]
     assert math.sqrt(m.c / m.m) == 60.0
     assert nu[int(np.argmin(force))] == pytest.approx(58.31, abs=2e-3)
-
-
-def test_finite_rod_adds_the_odd_orders() -> None:
-    machine = SETS["A"]
-    for nu, k, want in ((26.67, 3, 0.0537), (80.0, 1, 0.0875)):
-        t = revolution_samples(nu, 40, 128)
-        y = monolithic(machine.start(nu) | {"conveyor.rod.finite": True}, t[-1], t_eval=t).y
-        lagged = y[0] >= y[0][-1] - 8 * math.pi
-        assert abs(harmonics(y[0][lagged], y[1][lagged])[k - 1]) == pytest.approx(want, abs=6e-5)
 
 
 def test_a_turned_direction_is_that_of_the_angle() -> None:

@@ -24,7 +24,7 @@ from fmukit.declare.record import declarations, discrete, record
 from fmukit.declare.record import start as begin
 from fmukit.runtime import hybrid
 from tests.conftest import ROOT
-from tests.fmukit.test_native import MODELS, NAMES, compare_derivatives, each, reals
+from tests.fmukit.test_native import MODELS, NAMES, each
 from tests.hosts.host import Unit, unpacked
 from tests.oracle import events_and_end
 
@@ -184,21 +184,6 @@ MOVING: dict[str, dict[str, Any]] = {
     "DCMotor": {"i": 7.0},
     "UnbalanceExciter": {"phi": 1.0, "w": 35.0, "x": 0.01, "v": 1.0},
 }  # fmt: skip
-
-
-@each
-def test_jacobians_match_differences(name: str, native: Path) -> None:
-    """Derivatives and outputs by every continuous state and Real input."""
-    model = Model(native / f"{name}.fmu", **MOVING.get(name, {})).integrate()
-    x, inputs = model.x, reals(model, "input")
-
-    def put(known: str, value: float) -> None:
-        if known in inputs:
-            model.set(**{known: value})
-        model.at([value if known == n else x_k for n, x_k in zip(model.states, x)])
-
-    rates = [u.variable.name for u in model.description.derivatives]
-    compare_derivatives(model, reals(model, "output") + rates, model.states + inputs, put)
 
 
 @each

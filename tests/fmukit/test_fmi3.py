@@ -228,24 +228,3 @@ def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     with pytest.raises(Exception, match="Failed to instantiate"):
         Unit3("DriveMotor", fmi3.FMU3ScheduledExecution)
     assert "not for scheduled execution" in MESSAGES[-1]
-
-
-def test_states_are_saved_and_jacobians_are_those_of_fmi_2(fmus: Path) -> None:
-    unit = Unit3("IronDrive").start(phi=0.6, w_cam=2.0)
-    unit.fmi.doStep(0.0, 0.01)
-    state, outputs = unit.fmi.getFMUState(), unit.outputs()
-    unit.fmi.doStep(0.01, 0.01)
-    unit.fmi.setFMUState(state)
-    assert unit.outputs() == outputs
-    unit.fmi.setFMUState(unit.fmi.deserializeFMUState(unit.fmi.serializeFMUState(state)))
-    assert unit.outputs() == outputs
-    old = Unit(fmus / "native" / "IronDrive.fmu").start(phi=0.6, w_cam=2.0).step(0.0, 0.01)
-    unknowns = [
-        v.valueReference
-        for v in old.variables.values()
-        if v.causality == "output" and v.type == "Real"
-    ]
-    knowns = [old.variables["tau"].valueReference]
-    assert list(unit.fmi.getDirectionalDerivative(unknowns, knowns, [1.0])) == list(
-        old.fmi.getDirectionalDerivative(unknowns, knowns, [1.0])
-    )

@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 from components import MACHINES
 from fmukit.declare.interface import Interface, Variable, class_name
 from fmukit.declare.model import complete_model
-from fmukit.declare.record import declarations, start
+from fmukit.declare.record import start
 from fmukit.fmu.validate import problems
 from tests.conftest import ROOT, described, rewritten
 from tests.hosts import fmus as hosts
@@ -163,34 +163,6 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None
             assert typed.attrib["start"] == json.dumps(declared.start)
 
 
-@each_fmu
-def test_outputs_depend_on_their_inputs_and_continuous_states(model: Any, fmu: Path) -> None:
-    names = [v.name for v in declared_in(model, fmu)]
-    outputs, initial, derivatives = (
-        {
-            names[int(u.attrib["index"]) - 1]: [
-                names[int(i) - 1] for i in u.attrib["dependencies"].split()
-            ]
-            for u in xml(fmu).findall(f"ModelStructure/{part}/Unknown")
-        }
-        for part in ("Outputs", "InitialUnknowns", "Derivatives")
-    )
-    states = dict(declarations(model.State))
-    integrated = [n for n, d in states.items() if d.fmi_type == "Real" and not d.held]
-    if fmu.parent.name != "native":
-        integrated = []
-    assert list(derivatives) == [f"der({n})" for n in integrated]
-    inputs = [name for name, _ in declarations(model.Inputs)]
-    assert all(causes == inputs + integrated for causes in derivatives.values())
-    for variable, scalar, _ in variables(model, fmu):
-        name, acting = variable.name, [] if variable.name in states else integrated
-        exact = name in states and not states[name].follows
-        if variable.causality == "output":
-            assert scalar.get("initial") == ("exact" if exact else "calculated")
-            assert outputs[name] == [*variable.declaration.feedthrough, *acting]
-            assert exact or {*variable.declaration.feedthrough} <= {*initial[name]}
-
-
 @pytest.mark.slow
 def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
     """Native ones of this machine, twice: in `fmus` there may be one for all platforms."""
@@ -286,22 +258,6 @@ def reference_file(fmu: Path, end: str) -> tuple[list[str], Any]:
         (name,) = [n for n in archive.namelist() if n.endswith(end)]
         header, *lines = archive.read(name).decode().splitlines()
     return header.split(","), np.array([line.split(",") for line in lines], float).T
-
-
-@each_fmu
-def test_the_shipped_reference_is_that_of_the_default_experiment(model: Any, fmu: Path) -> None:
-    """Its end is that of another run; each error is below the 1e-6 that the tolerance of the kit is made for."""
-    (names, results), (heading, errors) = (
-        reference_file(fmu, "_ref.csv"),
-        reference_file(fmu, "_ref_error.csv"),
-    )
-    assert (heading, errors[0].tolist()) == (names, results[0].tolist())
-    assert len(results[0]) - 1 == round(model.EXPERIMENT.stop / model.EXPERIMENT.step)
-    end = dict(zip(names, results[:, -1]))
-    assert hosts.default_experiment(fmu) == pytest.approx(end, rel=1e-8, abs=1e-9)
-    for name, result, error in zip(names[1:], results[1:], errors[1:]):
-        assert (error >= 0.0).all(), name
-        assert error.max() <= 1e-6 * (np.ptp(result) or np.abs(result).max() or 1.0), name
 
 
 CONTINUOUS = [model for model in MODELS if not model.event_indicators]

@@ -532,21 +532,6 @@ def test_numbers_are_the_same_on_other_platforms(
     assert np.all(np.abs(target_rows - host_rows) <= 1e-11 * np.ptp(host_rows, axis=0) + 1e-300)
 
 
-@only_for("CrankConveyor")
-def test_sanitizers_find_nothing(name: str, fmus: Path, tmp_path: Path) -> None:
-    if shutil.which("gcc") is None:
-        pytest.skip("there is no gcc")
-    folder, host_arguments = unpacked(fmus / "native" / f"{name}.fmu", tmp_path)
-    sanitize = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    program, library = tmp_path / "host", tmp_path / f"{name}.so"
-    compile_c(HOSTS / "every_call.c", program, *sanitize, "-ldl")
-    compile_c(folder / "sources" / f"{name}.c", library, *sanitize, "-fPIC", "-shared", "-lm")
-    done = subprocess.run(
-        [program, library, *host_arguments, "5"], check=False, capture_output=True, text=True
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-
-
 def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -> None:
     """FMPy with CMake, as it would on a platform without a binary; the numbers stay."""
     if shutil.which("gcc") is None:

@@ -64,10 +64,6 @@ def test_a_failure_does_not_swallow_the_warnings_before_it() -> None:
     assert repr(failure.value).startswith("unit 7: unit 7: wear at 90 %%; doStep is not allowed")
 
 
-def test_a_thousand_states_live_at_once(both: Path) -> None:
-    assert safety.many_states(both / MOTOR)
-
-
 @pytest.mark.parametrize(
     "damage", ["another build", "one bit", "cut", "nothing", "binary", "deep", "forged"]
 )
@@ -95,18 +91,6 @@ def test_a_foreign_thread_that_steps_twice_is_adopted(fmus: Path) -> None:
     values, threads = safety.on_foreign_threads(fmus / MOTOR, 1, 50)
     assert values == pytest.approx([torque(0.050)], rel=1e-12)
     assert threads > 1
-
-
-def test_foreign_threads_that_step_once_are_not_hoarded(fmus: Path) -> None:
-    values, threads = safety.on_foreign_threads(fmus / MOTOR, 10, 1)
-    assert values == pytest.approx(10 * [torque(0.001)], rel=1e-12)
-    assert threads == 1
-
-
-def test_python_threads_take_turns_with_the_same_instance(fmus: Path) -> None:
-    value, threads = safety.on_python_threads(fmus / MOTOR)
-    assert value == pytest.approx(torque(200 / 1024), rel=1e-12)
-    assert threads == 1
 
 
 def test_an_interrupt_during_a_step_is_a_failure_like_any_other(fmus: Path) -> None:

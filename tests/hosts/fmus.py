@@ -4,7 +4,6 @@ import resource
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 from tests.hosts.host import Unit, in_subprocess
 
@@ -37,12 +36,3 @@ def versions(fmus: list[str]) -> list[float]:
         for unit in units:
             unit.step(n * 0.1, 0.1)
     return [unit.get("tau") for unit in units]
-
-
-@in_subprocess
-def default_experiment(fmu: str) -> dict[str, Any]:
-    """The end of fmpy's own run of the default experiment."""
-    from fmpy import simulate_fmu
-
-    end = simulate_fmu(fmu)[-1]
-    return {name: float(end[name]) for name in end.dtype.names}

@@ -2,11 +2,9 @@
 
 import gc
 import math
-import random
 import signal
 import struct
 import sys
-import threading
 import zlib
 from collections.abc import Callable
 from ctypes import c_void_p, pythonapi
@@ -121,23 +119,6 @@ def unusual(fmu: str) -> list[Any]:
 
 
 @in_subprocess
-def many_states(fmu: str) -> bool:
-    """Whether a thousand saved states come back in any order, twice."""
-    unit = Unit(fmu).start()
-    saved = []
-    for n in range(1000):
-        unit.step(n * 2.0**-10, 2.0**-10)
-        saved.append((unit.fmi.getFMUstate(), unit.outputs()))
-    exact = True
-    for state, outputs in random.sample(saved * 2, 2000):
-        unit.fmi.setFMUstate(state)
-        exact &= unit.outputs() == outputs
-    for state, _ in saved:
-        unit.fmi.freeFMUstate(state)
-    return exact
-
-
-@in_subprocess
 def foreign_state(fmu: str, other: str, damage: str) -> list[Any]:
     """Why a state is refused, what is read then, and whether rollback leads out of the failure."""
     unit, foreign = Unit(fmu, "unit 7").start().step(0.0, 0.5), Unit(other).start()
@@ -216,17 +197,6 @@ def on_foreign_threads(fmu: str, masters: int, steps: int) -> list[Any]:
         master.step(step_count=steps)
         pairs.append((master, observer))
     return [[o.last_real_values(0, [9])[0] for _, o in pairs], thread_states()]
-
-
-@in_subprocess
-def on_python_threads(fmu: str) -> list[Any]:
-    """Torque of one motor that every step is another thread's, and the threads left."""
-    unit = Unit(fmu).start(w=39.0)
-    for n in range(200):
-        thread = threading.Thread(target=unit.step, args=(n * 2.0**-10, 2.0**-10))
-        thread.start()
-        thread.join()
-    return [unit.get("tau"), thread_states()]
 
 
 @in_subprocess

@@ -16,11 +16,7 @@ import pytest
 from fmpy.model_description import read_model_description
 
 import scenarios
-from cosim import SetupError, System
-from cosim.metrics import harmonics
-from scenarios.conveyor.first_order import FIELDS, Machine
-from scenarios.iron import machine as iron
-from scenarios.iron.questions import iron_orders
+from cosim import SetupError
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line
 from scenarios.project import PROJECT
@@ -253,20 +249,6 @@ def test_a_start_value_that_no_fmu_has_is_named(name: str, tmp_path: Path) -> No
     assert not (tmp_path / "out").exists()
 
 
-def test_theory_and_machine_follow_the_same_start_values() -> None:
-    """Every value that the theory knows, far enough from set A that one left behind would show."""
-    machine = Machine(B=150.0, T=0.05, theta1=0.6, m=180.0, r=0.008, c=7e5, d=3500.0)
-    values = {name: getattr(machine, field) for name, field in FIELDS.items()}
-    answer = ask("resonance", speeds="30,32", steps_per_rev=128, start=values)
-    assert answer.figures["nu_res"][:3] == (machine.nu_res, "rad/s", 0.0)
-    assert {name: answer.parameters[name].value for name in values} == values
-    rows = answer.tables["resonance.csv"].frame
-    assert rows["tau2"].to_list() == pytest.approx(rows["tau2_theory"].to_list(), rel=3e-3)
-    assert rows["w2"].to_list() == pytest.approx(rows["w2_theory"].to_list(), rel=3e-3)
-    assert rows["w_mean"].to_list() == pytest.approx(rows["nu"].to_list(), rel=1e-3)
-    assert rows["tau2_theory"][0] == abs(machine.torque_ripple(30.0))
-
-
 def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     start = {"conveyor_motor.B": 50.0, "conveyor.trough.d": 3e3, "iron_motor.B": 0.05}
     asked = packing_line.PackingLine.parse(
@@ -367,15 +349,3 @@ def test_the_enumerations_are_those_of_the_fmu() -> None:
     for name, items in {"stage": orientator.STAGES, "reason": orientator.REASONS}.items():
         declared_items = variables("orientator_cycle")[f"orientator.{name}"].declaredType.items
         assert tuple(item.name.replace("_", " ") for item in declared_items) == items
-
-
-def test_the_torque_of_the_iron_counts_each_sample_of_a_turn_once() -> None:
-    """Over evenly spaced samples of a whole turn the least-squares orders are those of the FFT."""
-    drive = System(fmus_of(iron_orders), iron.WIRES, iron.MOTOR)
-    machine = iron_orders.at_constant_speed(drive)
-    torque = machine.torque(5.0)
-    wanted = 2j * np.fft.rfft(torque)[1:13] / len(torque)
-    amplitudes = harmonics(machine.phi, torque, iron_orders.ORDERS)
-    assert amplitudes == pytest.approx(wanted, rel=1e-6, abs=1e-6 * abs(wanted).max())
-    turn = iron.turn(drive, 5.0, iron_orders.PER_REV)
-    assert torque == pytest.approx(turn["iron.tau_cam"][:-1], abs=1e-6)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from operator import attrgetter
 from typing import Any
 
 import mpmath
@@ -13,23 +12,16 @@ from scipy.optimize import minimize_scalar
 
 from components.iron_drive import model as iron
 from cosim import SetupError
-from fmukit.declare.record import declarations, start
+from fmukit.declare.record import start
 from scenarios.iron import transfer as kinematics
-from scenarios.iron.questions import iron_orders
 from tests.components.iron_oracle import (
     DIMENSIONS,
     Reference,
-    tables,
     transfer,
 )
-from tests.conftest import CASES, QUICK, ask, question_of
+from tests.conftest import CASES, ask, question_of
 from tests.oracle import by_name
 
-PARAMETERS = {
-    name: attrgetter(name)
-    for name, d in declarations(iron.Parameters)
-    if d.fmi_type == "Real" and name != "reducer.J"
-}
 FUNCTIONS = list(kinematics.FUNCTIONS)[:6]
 
 
@@ -77,17 +69,6 @@ def test_iron_kinematics_and_its_shares_are_those_of_the_papers_formulas(dimensi
         assert row["change_error"] < 1e-3 * row["change"] + 1e-8
         wanted = largest(slope, last) / top
         assert abs(row["change"] - wanted) <= row["change_error"] + 1e-8
-
-
-def test_iron_kinematics_agrees_with_every_reference_row() -> None:
-    """Also A_1, out of which the rotor that keeps the turn even is taken."""
-    rows = ask("iron_cycle", compare="dimensions", samples=360).tables["iron_kinematics.csv"].frame
-    for degrees, wanted in tables().items():
-        row = rows.iloc[round(degrees)]
-        assert row["phi"] == degrees
-        for name in ("H_1", "H_2", "A_1", "B_1", "C_1"):
-            value = wanted["C_load" if name == "C_1" else name]
-            assert row[name] == pytest.approx(value, rel=1e-6, abs=1e-7), (degrees, name)
 
 
 @pytest.mark.parametrize("name", ["iron_cycle dimensions", "iron_bounce"])
@@ -144,39 +125,6 @@ def test_iron_bounce_says_where_nothing_bounces_and_where_no_turn_is_like_the_ne
         "iron_bounce", speeds="70rpm", speed="9", samples=360, start={"iron.follower.e": 0.02}
     )
     assert near.figures["flight"].reason.endswith("more samples are needed to separate them")
-
-
-def test_an_order_without_an_orbit_at_half_the_steps_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """One lag whose motion does not settle with coarser steps than those of the sweep."""
-    simulate, unsettled_lag = iron_orders.simulate, 0.08
-
-    def unsettled(machine: Any, case: tuple[float, float, int]) -> Any:
-        rows = simulate(machine, case)
-        if case[0] == unsettled_lag and case[2] < iron_orders.PER_REV:
-            return [[*row[:3], *(math.nan for _ in row[3:])] for row in rows]
-        return rows
-
-    stated = ask("iron_orders", **QUICK["iron_orders"]).figures
-    for lag in (
-        12,
-        80,
-        200,
-    ):  # T theta w^2 = B where the torque lags by 90 deg, and 2 zeta w_n T = 1
-        w_n, zeta = (stated[f"{name}_{lag}ms"].value for name in ("w_n", "zeta"))
-        assert lag / 1e3 * stated["theta"].value * w_n**2 == pytest.approx(stated["slope"].value)
-        assert 2.0 * zeta * w_n * lag / 1e3 == pytest.approx(1.0)
-    monkeypatch.setattr(iron_orders, "simulate", unsettled)
-    answer = ask("iron_orders", **QUICK["iron_orders"])
-    reason = "there is no steady motion with half the steps where the lag adds most"
-    assert stated["added_80ms"].error is not None
-    assert (answer.figures["added_80ms"].error, answer.figures["added_80ms"].reason) == (
-        None,
-        reason,
-    )
-    for name in ("added_12ms", "gain_200ms"):
-        assert answer.figures[name] == stated[name]
 
 
 def test_orders_that_are_not_valid_are_named_in_a_line_each() -> None:

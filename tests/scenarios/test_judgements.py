@@ -6,7 +6,6 @@ import json
 import math
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.conftest import LONG, QUICK, ask, plain
@@ -168,36 +167,6 @@ def decided(x: Judgement) -> str:
     if x.figure.value + wide[0] < low or x.figure.value - wide[1] > high:
         return "no"
     return "yes" if low + wide[0] <= x.figure.value <= high - wide[1] else "not determined"
-
-
-def test_a_judgement_is_that_of_its_numbers() -> None:
-    """Drawn figures on either side of drawn bounds, each with an error or not determined."""
-    rng, outcomes = np.random.default_rng(1), set()
-    for _ in range(1000):
-        figure, least, most = (
-            Figure(rng.normal(k), "N", rng.uniform(0.0, 0.5))
-            if rng.random() < 0.9
-            else Figure.undetermined("N", "it sticks")
-            for k in (0.0, -0.5, 1.0)
-        )
-        ends: dict[str, Any] = {"least": least, "most": most}
-        if rng.random() < 0.3:
-            ends.pop(rng.choice(["least", "most"]))
-        judgement = Judgement("a force", figure, **ends)
-        assert judgement.answer == decided_with_reasons(judgement)
-        outcomes.add(judgement.answer)
-        assert judgement.text().startswith(f"A force: {judgement.answer}")
-    assert outcomes == {YES, NO, OPEN}
-
-
-def decided_with_reasons(x: Judgement) -> str:
-    """What figure and those bounds say that are determined: one that is passed decides alone."""
-    least, most = (b if isinstance(b, Figure) else Figure(b, "N", 0.0) for b in (x.least, x.most))
-    for name, bound in (("least", least), ("most", most)):
-        only = Judgement(x.what, x.figure, **{name: bound})
-        if bound.error is not None and decided(only) == "no":
-            return "no"
-    return decided(x)
 
 
 @pytest.mark.parametrize(

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.optimize import minimize_scalar
 
 from components.iron_drive import model as iron
-from cosim import System
 from fmukit.declare.record import start
-from scenarios.iron.questions.iron_start import ENERGY
 from scenarios.orientator import machine as orientator
-from scenarios.orientator.products import STEP, Product, ProductsUntilJam
-from scenarios.orientator.questions import orientation_time
 from tests.components.iron_oracle import by_material_points
 from tests.conftest import ask
-from workbench.formula import Formula
 
 
 def slow_torque() -> float:
@@ -38,16 +29,6 @@ def slow_torque() -> float:
 def test_the_torque_of_a_slow_turn_is_that_of_points_of_mass() -> None:
     figure = ask("iron_start", motor_A=0.05).figures["tau_cam_max"]
     assert figure.error and abs(figure.value - slow_torque()) <= figure.error
-
-
-def test_the_live_energy_is_counted_from_the_start_like_that_of_the_picture() -> None:
-    """The potential energy is not 0 where the cam starts."""
-    frame = ask("iron_start", stop=0.3).first_table
-    energy = (frame["iron.E_kin"] + frame["iron.E_pot"]).to_numpy()
-    names = {name: frame[name].to_numpy() for name in ("iron.E_kin", "iron.E_pot")}
-    names |= {"figures.energy_end": energy[-1], "figures.energy_stored": energy[-1] - energy[0]}
-    stored = Formula.read(next(iter(ENERGY.curves))).over(names)
-    assert energy[0] < -4.0 and stored == pytest.approx(frame["E_stored"].to_numpy(), abs=1e-12)
 
 
 def test_a_motor_that_turns_the_cam_backwards_does_not_stall() -> None:
@@ -114,25 +95,6 @@ def test_a_run_up_that_passes_its_resonance_by_a_hundred_errors_has_a_time() -> 
     assert abs(passing.value - 0.0055195) <= passing.error + 1e-5
     near = ask("run_up", speed=215.295, start=start).figures["linear_passing"]
     assert near.error is None or near.error > 1e-3
-
-
-def test_a_product_that_jams_with_half_the_step_refuses_its_figures_and_not_the_question(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def simulated(machine: Any, mu: float, n: float, step: float = STEP) -> Product:
-        stage = 4 if n < 80.0 and step == STEP else 5
-        time = 0.25 if stage == 4 else math.nan
-        return Product(mu, n, stage, 0, time, time, time, time, time)
-
-    monkeypatch.setattr(orientation_time, "simulate", simulated)
-    products = [simulated(None, 0.35, n) for n in (70.0, 79.99, 80.0)]
-    frame = pd.DataFrame(products)
-    figures = orientation_time.figures(System({}), frame, {0.35: ProductsUntilJam.of(products)})
-    refused = {name for name, figure in figures.items() if figure.error is None}
-    assert {"shortest_time"} <= refused and any("products" in name for name in refused)
-    for name in refused:
-        assert "depends on the step" in figures[name].reason
-    assert all(figure.problem() == "" for figure in figures.values())
 
 
 def test_the_curves_of_fig_4_part_with_the_square_of_the_speed() -> None:

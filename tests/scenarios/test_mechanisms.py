@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import sympy
 
 from cosim import System
 from scenarios.conveyor.first_order import (
@@ -17,8 +15,6 @@ from scenarios.conveyor.first_order import (
     SETS,
     Machine,
     Mechanism,
-    amplitudes,
-    at_angles,
     crank,
     slotted_link,
 )
@@ -26,7 +22,6 @@ from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.steady import steady_turns
 
-Real = np.typing.NDArray[np.float64]
 LINK = 0.05
 
 
@@ -85,56 +80,6 @@ def test_quadrature_of_the_crank_gives_its_closed_coefficients(name: str) -> Non
                 assert ours[1] == pytest.approx(closed, rel=1e-11)
                 assert np.abs(np.delete(ours, 1)).max() < 1e-11 * abs(closed)
             assert ripples.resonances[:4] == pytest.approx(2 * machine.nu_res / np.arange(1, 5))
-
-
-def test_finite_rod_and_link_have_the_closed_series_of_their_position() -> None:
-    """Of the rod to the order of r/l; of the link sin phi / (1 + q cos phi) = -2/q sum (-p)^k sin k phi."""
-    share = 1e-4
-    x, dx, _ = at_angles(crank(1.0, 1 / share))
-    inertia, spring = amplitudes(dx**2), amplitudes(x * dx)
-    assert inertia[[0, 2]] == pytest.approx([share / 2] * 2, rel=1e-6)
-    assert spring[[0, 2]] == pytest.approx([-1j * share / 8, -3j * share / 8], rel=1e-6)
-    assert inertia[1] == pytest.approx(0.5j) and spring[1] == pytest.approx(0.5)
-    q = 0.4
-    p, k = (1 - math.sqrt(1 - q * q)) / q, np.arange(1, 17)
-    series = -2 / q * (-p) ** k
-    for n, values in enumerate(at_angles(slotted_link(1.0, 1 / q))):
-        assert amplitudes(values) == pytest.approx((1j * k) ** n * series, rel=1e-8, abs=1e-9)
-
-
-def test_equation_10_follows_with_its_minus_and_the_inertia_of_the_load() -> None:
-    """(1), (2) and (5) expanded in eps: a load of one order, its amplitudes compared with `ripples`."""
-    eps, phi, k, nu = sympy.symbols("eps phi k nu", positive=True)
-    T, B, theta0, s, j = sympy.symbols("T B theta0 s j", positive=True)
-    h, L = sympy.symbols("h L", complex=True)
-    v, M = sympy.symbols("v M", complex=True)
-    wave = sympy.exp(sympy.I * k * phi)
-    w, torque = nu + eps * v * wave, s * nu + eps * M * wave
-    theta = theta0 + eps * h * wave
-    load = s * w + j * w * w.diff(phi) + eps * L * wave
-    mechanism = theta * w * w.diff(phi) + theta.diff(phi) * w**2 / 2 + load - torque
-    motor = T * w * torque.diff(phi) + torque - (s * nu + B * nu) + B * w
-    first = [
-        sympy.expand(equation.diff(eps).subs(eps, 0) / wave) for equation in (mechanism, motor)
-    ]
-    solved = sympy.solve(first, [v, M])
-    evaluate = sympy.lambdify((k, nu, T, B, theta0, s, j, h, L), [solved[v], solved[M]])
-    values = {"T": 0.05, "B": 150.0, "theta0": 0.5, "s": 0.3, "j": 0.2}
-    size, swing = 0.01 - 0.02j, 3.0 + 5.0j
-    for order in (1, 3):
-        shape = np.exp(1j * order * NODE_ANGLES)
-        any_ = Mechanism(
-            Machine(B=values["B"], T=values["T"]),
-            values["theta0"] + (size * shape).imag,
-            lambda w, a: values["s"] * w + values["j"] * a + (swing * shape).imag,  # noqa: B023
-        )
-        ripples = any_.ripples(33.0)
-        wanted = evaluate(order, 33.0, *values.values(), size, swing)
-        assert (ripples.speed[order - 1], ripples.torque[order - 1]) == pytest.approx(
-            wanted, rel=1e-9
-        )
-        printed = evaluate(order, 33.0, *(values | {"j": 0.0}).values(), size, swing)
-        assert abs(printed[0] / wanted[0] - 1) > 0.05
 
 
 @pytest.mark.parametrize("name", SETS)

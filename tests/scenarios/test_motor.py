@@ -58,14 +58,6 @@ def test_pole_pairs_are_two_poles_each_and_units_of_catalogues_are_read() -> Non
     assert nameplate(other) == pytest.approx(nameplate(PLATE), rel=1e-15)
 
 
-def test_kloss_has_the_rated_torque_at_the_rated_speed() -> None:
-    start = nameplate(PLATE)
-    s = 1.0 - 1440.0 / 1500.0
-    s_b = start["motor.kloss.s_b"]
-    torque = 2.0 * start["motor.kloss.tau_b"] / (s / s_b + s_b / s)
-    assert torque == pytest.approx(3.43 * 5500.0 / (1440.0 * math.pi / 30), rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [

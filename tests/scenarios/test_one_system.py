@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Callable, Iterator, Mapping
-from itertools import product
 from operator import attrgetter
 from typing import Any
 
@@ -16,24 +15,21 @@ from scipy.interpolate import CubicSpline
 from components.crank_conveyor import model as conveyor
 from components.DC_motor import model as motor
 from components.gearbox import model as gearbox
-from components.gravity_orientator import model as orientator
 from components.iron_drive import model as iron
 from components.shaft_link import model as link
 from components.slotted_link import model as load
 from components.speed_controller import model as controller
-from cosim import SetupError
 from cosim.metrics import harmonics
 from fmukit.declare.record import declarations, start
 from scenarios.chain.questions import speed_step
 from scenarios.conveyor.first_order import SETS
 from tests.components.iron_oracle import Reference
-from tests.components.orientator_oracle import Jam, passage
 from tests.components.test_iron_drive import quantities
 from tests.conftest import ask
 from tests.oracle import joined, monolithic, part, random_parameters, split
 from workbench import Figure
 
-SLOW, TURN = pytest.mark.slow, 2 * math.pi
+TURN = 2 * math.pi
 BEGIN = start(iron.State).phi
 """Where the cam of the iron drive starts [rad]."""
 Comparison = tuple[Mapping[str, Figure], Mapping[str, float]]
@@ -242,113 +238,3 @@ def test_a_start_agrees_with_the_coupled_system(compare: Compare) -> None:
 )
 def test_ten_more_starts_agree_with_the_coupled_system(compare: Compare) -> None:
     agree(*map(compare, range(2, 12)))
-
-
-@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=SLOW) for n in range(2, 6))])
-def test_a_passage_of_the_orientator_is_that_of_another_solution(seed: int) -> None:
-    """Of machines with other dimensions at other speeds, some of which jam."""
-    rng, oriented = np.random.default_rng(seed), 0
-    defaults = {n: d.start for n, d in declarations(orientator.Parameters) if d.fmi_type == "Real"}
-    varied = [name for name in defaults if name[:3] != "neg" and name != "g"]
-    while oriented < 12:
-        chosen = rng.choice(varied, 4, replace=False)
-        start = {f"orientator.{x}": defaults[x] * math.exp(rng.normal(0.0, 0.2)) for x in chosen}
-        speed = rng.uniform(0.0, 12.0)
-        try:
-            estimates = ask("orientator_cycle", speed=speed, start=start).figures
-        except SetupError:
-            continue
-        try:
-            parameters = defaults | {x.partition(".")[2]: v for x, v in start.items()}
-            wanted = passage(parameters, lambda _, w=speed: w)
-        except Jam:
-            assert estimates["oriented"].value == 0.0
-            continue
-        oriented += 1
-        agree((estimates, {x: wanted[x] for x in wanted if x not in ("S_x", "P_K")}))
-
-
-def powers(t: Any, x: Mapping[str, Any], ends: Any) -> tuple[tuple[float, ...], Any]:
-    """Mean, rms, least and largest of the power of a shaft between two of its angles, whole turns
-    apart, and amplitudes of its orders.
-    """
-    turns = round(np.ptp(ends) / TURN)
-    at = [CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends]
-    mean = float(np.diff(CubicSpline(t, x["work"])(at))[0] / np.ptp(at))
-    inside, P = (t >= at[0]) & (t <= at[1]), x["P"]
-    rms = math.sqrt(CubicSpline(t, (P - mean) ** 2).integrate(*at) / np.ptp(at))
-    (least, _), (most, _) = extremes(t[inside], P[inside])
-    begin, end = t.searchsorted(at)
-    near, angles = slice(begin - 2, end + 2), np.arange(720 * turns) * TURN / 720
-    by_angle = CubicSpline(x["phi"][near], P[near])(ends[0] + angles)
-    orders = np.fft.rfft(by_angle)[: 13 * turns : turns]
-    return (mean, rms, least, most), 2 * np.abs(orders) / len(angles)
-
-
-@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=SLOW) for n in range(2, 9))])
-def test_the_packing_line_agrees_with_the_coupled_system(seed: int) -> None:
-    """Its pace, the time of a product while the rotor's speed varies, powers, ripple and orders."""
-    draw = random.Random(seed)
-    p = random_parameters(iron, draw, 0.1, **{"reducer.J": 2e-4, "on_invalid": iron.OnInvalid.warn})
-    pace, gear, i_g = draw.uniform(4.0, 6.0), draw.uniform(0.6, 2.4), p.reducer.i_g
-    cup = {n: d.start for n, d in declarations(orientator.Parameters) if d.fmi_type == "Real"}
-    for name in draw.sample([x for x in cup if x[:3] != "neg" and x != "g"], k=4):
-        cup[name] *= math.exp(draw.gauss(0.0, 0.1))
-    chosen, nu, stop = draw.choice("AB"), draw.uniform(30.0, 80.0), 22.4 / pace
-    follower = {
-        key: getattr(SETS[chosen], SCALED[key]) * math.exp(draw.gauss(0.0, 0.2))
-        for key in draw.sample(list(SCALED), k=3)
-    }
-    start = of_iron(p) | {f"orientator.{x}": cup[x] for x in cup}
-    start |= {x.replace("motor.", "conveyor_motor."): follower[x] for x in follower}
-    options = {"gear": gear, "iron_speed": pace, "set": chosen, "speed": nu, "start": start}
-    estimates = ask("packing_line", stop=stop, step=5e-4, **options).figures
-
-    t = np.linspace(0.0, stop, round(stop / 1e-3) + 1)
-    iron_drive = Reference(p, 0.0, {"A": 0.025 * i_g * pace, "B": 0.025, "T": 0.012})
-    x = iron_drive.run(BEGIN, 0.0, stop, t)["rows"]
-    x["P"] = i_g * x["w_cam"] * x["tau"]
-    ends = p.cam.rise + TURN * np.array([1, 2, 3])
-    release_time, last, ended = (
-        CubicSpline(t, x["phi"]).solve(end, extrapolate=False)[0] for end in ends
-    )
-    cycle, speed = (ended - release_time) / 2, CubicSpline(t, gear * x["w_cam"])
-    iron_ends, cam = powers(t, x, ends[[0, 2]])
-
-    t, positions = (
-        np.linspace(0.0, stop, 4 * len(t) - 3),
-        SETS[chosen].follow(follower).start(nu) | follower,
-    )
-    positions |= {"motor.tau": 0.0, "conveyor.phi": 0.0, "conveyor.w": 0.0}
-    phi, w, tau, work, _ = monolithic(positions, stop, t, max_step=2e-3, rtol=1e-11).y
-    turns = np.ceil(CubicSpline(t, phi)([release_time, ended]) / TURN) - [0, 1]
-    crank_ends, crank = powers(t, {"phi": phi, "P": tau * w, "work": work}, TURN * turns)
-    rate = np.ptp(turns) / np.ptp([CubicSpline(t, phi).solve(TURN * n)[0] for n in turns])
-    tones = {
-        "iron": [(k / cycle, size) for k, size in enumerate(cam[1:], 1)],
-        "conveyor": [(k * rate, size) for k, size in enumerate(crank[1:5], 1)],
-    }
-    spectra = {"iron": iron_ends, "conveyor": crank_ends}
-    spectra["supply"] = tuple(a + b for a, b in zip(*spectra.values()))
-    wanted = {
-        f"{word}_{drive}": value
-        for drive, values in spectra.items()
-        for word, value in zip(("mean", "rms", "least", "most"), values)
-    }
-    wanted["rms_supply"] = math.hypot(iron_ends[1], crank_ends[1])
-    strong = {}
-    for drive, amplitudes in tones.items():
-        frequency, most = max(amplitudes, key=lambda x: x[1])
-        wanted |= {f"main_{drive}": most, f"main_{drive}_frequency": frequency}
-        strong[drive] = [x for x in amplitudes if x[1] > 0.1 * most]
-    (f, a), (g, b) = min(product(*strong.values()), key=lambda pair: abs(pair[0][0] - pair[1][0]))
-    wanted |= {"cycle": cycle, "cam": TURN / cycle, "gap": abs(f - g), "beat": 60 * abs(f - g)}
-    wanted |= {"together": a + b, "work": wanted["mean_supply"] * cycle}
-    wanted |= {"products": 60 / cycle, "lost": 0.0}
-    try:
-        lasts = passage(cup, lambda since: float(speed(last + since)))["orientation_time"]
-        wanted |= {"orientation": lasts, "spare": cycle - lasts}
-    except Jam:
-        wanted |= {"products": 0.0, "lost": 60 / cycle}
-        assert estimates["orientation"].reason.startswith("the orientator jams: ")
-    agree((estimates, wanted))

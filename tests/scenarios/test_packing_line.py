@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import shutil
@@ -88,11 +87,6 @@ def test_the_supply_gives_what_both_drives_store_and_lose(line: Answer, cycles: 
     assert_allclose(rows["P_supply"], rows["iron_motor.P"] + rows["conveyor_motor.P"], rtol=1e-12)
 
 
-def test_the_orders_of_the_cam_have_full_periods_in_a_cycle(line: Answer) -> None:
-    orders = line.figures["main_iron_frequency"].value * line.figures["cycle"].value
-    assert orders == pytest.approx(round(orders), rel=1e-12)
-
-
 def test_ripple_of_the_supply_is_that_of_its_drives(line: Answer) -> None:
     """Orders 2 of the crank by theory; far apart, mean squares add."""
     orders = line.tables["packing_line_orders.csv"].frame.set_index(["drive", "order"])
@@ -105,20 +99,6 @@ def test_ripple_of_the_supply_is_that_of_its_drives(line: Answer) -> None:
     assert f["main_conveyor"] == pytest.approx(crank["own"], rel=1e-12)
     for name, figure in line.figures.items():
         assert figure.error is not None and figure.error <= 1e-3 * abs(figure.value), name
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("chosen", "AB")
-def test_figures_do_not_depend_on_how_long_the_line_runs_nor_where_it_starts(chosen: str) -> None:
-    """Beyond their errors, though the crank begins far off its orbit, most of all in set A."""
-    variants = [{"stop": 5.5}, {"stop": 11.0}, {"stop": 7.0, "start": {"iron.phi": 2.0}}]
-    first, *rest = (
-        ask("packing_line", set=chosen, step=1e-3, **variant).figures for variant in variants
-    )
-    for other in rest:
-        for name in first.keys() - {"released", "oriented"}:
-            (value, _, error, *_), (same, _, its_error, *_) = first[name], other[name]
-            assert abs(same - value) <= error + its_error + 1e-9 * abs(value), name
 
 
 @pytest.mark.parametrize(
@@ -165,17 +145,6 @@ def ssp(line: Answer, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("ssp") / "line.ssp"
     line.files["line.ssp"](path)
     return path
-
-
-def test_libcosim_runs_the_line_with_our_numbers(ssp: Path, ours: np.ndarray) -> None:
-    """The file asks for parameters only, which libcosim sets."""
-    task = {"parts": dict.fromkeys(packing_line.PackingLine.parts), "wires": [], "start": {}}
-    task |= {"record": COMPARED, "steps": STEPS, "step": STEP}
-    command = [sys.executable, str(HOSTS / "libcosim_system.py"), json.dumps(task), str(ssp)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
-    theirs = np.array(json.loads(done.stdout))[:, 1:]
-    assert_allclose(theirs, ours[1:], rtol=1e-9, atol=1e-10)
 
 
 def test_ecos_runs_the_line_with_our_numbers(ssp: Path, ours: np.ndarray, tmp_path: Path) -> None:

@@ -8,8 +8,6 @@ import os
 import re
 import subprocess
 import sys
-from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +15,10 @@ import pandas as pd
 import pytest
 
 from scenarios.conveyor.first_order import SETS, longest_step
-from scenarios.iron.questions import iron_orders
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, restore_ctrl_c
 from workbench import cli
 
-EXPECTED: dict[str, Any] = {
-    "A": {
-        "nu_res": 40.0,
-        "count": 31,
-        "nu_peak_tau": 39.053,
-        "nu_peak_w": 39.475,
-        36.0: (2.098724270, -129.318486, 90.9984270, -26.805683, 35.997870289, 4900.1039),
-        40.0: (2.676625330, -169.435021, 104.9679504, -68.167724, 39.996704787, 4651.8145),
-        60.0: (0.352741650, -173.772629, 9.3145045, -76.181685, 60.000000001, 2316.2294),
-    },
-    "B": {
-        "nu_res": 30.0,
-        "count": 33,
-        "nu_peak_tau": 20.962,
-        "nu_peak_w": 25.041,
-        21.0: (1.482231005, 178.564296, 40.6594720, -41.438537, 20.968965968, 6424.1581),
-        30.0: (1.428260459, 152.778003, 32.7524623, -77.426929, 29.984102423, 5676.7526),
-    },
-}
 NATIVE = ("--flavour", "native")
 
 
@@ -56,78 +34,6 @@ def read_answer(
     facts = json.loads((folder / f"{name}.json").read_text())
     values = {key: figure["value"] for key, figure in facts["figures"].items()}
     return values, facts, pd.read_csv(folder / f"{table or name}.csv")
-
-
-def turn(a: float, b: float) -> float:
-    """Distance of two angles in degrees."""
-    return abs((a - b + 180) % 360 - 180)
-
-
-@pytest.fixture(
-    scope="module",
-    params=["A native", "B native", pytest.param("A python", marks=pytest.mark.slow)],
-)
-def sweep(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The resonance with its defaults: name of the set, figures, JSON, rows, what it printed."""
-    folder = tmp_path_factory.mktemp("resonance")
-    name, flavour = request.param.split()
-    with redirect_stdout(StringIO()) as output:
-        arguments = ("--set", name, "--out", folder, "--flavour", flavour, "--jobs", 1)
-        assert main("run", "resonance", *arguments) == 0
-    return name, *read_answer(folder, "resonance"), output.getvalue()
-
-
-def test_ripple_follows_first_order_theory_at_every_speed(sweep: Any) -> None:
-    name, _, _, rows, _ = sweep
-    assert len(rows) == EXPECTED[name]["count"]
-    for x, rel in (("w2", 4e-3), ("tau2", 3e-3)):
-        assert rows[x].to_list() == pytest.approx(rows[f"{x}_theory"].to_list(), rel=rel)
-        assert max(map(turn, rows[f"{x}_phase"], rows[f"{x}_phase_theory"])) < 0.2
-
-
-def test_reference_points_are_met(sweep: Any) -> None:
-    name, _, _, rows, _ = sweep
-    for nu, want in EXPECTED[name].items():
-        if isinstance(nu, float):
-            row = rows[rows["nu"] == nu].iloc[0]
-            got = [row[k] for k in ("w2", "tau2", "w_mean", "f_rod_peak")]
-            assert got == pytest.approx([want[0], want[2], want[4], want[5]], rel=5e-4)
-            assert turn(row["w2_phase"], want[1]) < 0.02 > turn(row["tau2_phase"], want[3])
-
-
-def test_resonance_and_peaks_lie_where_theory_puts_them(sweep: Any) -> None:
-    name, figures, facts, _, output = sweep
-    wanted = EXPECTED[name]
-    assert figures["nu_res"] == pytest.approx(wanted["nu_res"], rel=1e-12)
-    assert figures["nu_90"] == pytest.approx(wanted["nu_res"], rel=5e-4)
-    for peak in ("nu_peak_tau", "nu_peak_w"):
-        assert figures[peak] == pytest.approx(wanted[peak], rel=3e-3)
-    assert 0.0 < facts["figures"]["nu_90"]["error"] < 1e-4 * figures["nu_90"]
-    assert facts["algorithm"] == "strang"
-    assert facts["options"]["set"]["value"] == name
-    assert facts["options"]["speed"]["value"] == {"A": 40.0, "B": 60.0}[name]
-    assert facts["options"]["rated_torque"]["value"] == facts["rated_torque"]
-    assert facts["options"]["speeds"]["value"][:2] == {"A": [20.0, 24.0], "B": [6.0, 8.0]}[name]
-    assert re.search(rf"resonance by formula \(22\) +{wanted['nu_res']:g} rad/s\n", output)
-    assert f"\nOn resonance: {'yes' if name == 'A' else 'no'}, " in output
-
-
-def test_tables_are_identical_in_parallel_and_with_native_fmus(tmp_path: Path) -> None:
-    """Far from the operating speed, where no error is known, so that the answer is refused."""
-    variants = {
-        "two": (*NATIVE, "--speeds", "20,24", "--jobs", 2),
-        "python": ("--flavour", "python", "--speeds", "20"),
-    }
-    for name, options in variants.items():
-        out = ("--steps-per-rev", "64", "--out", tmp_path / name)
-        assert main("run", "resonance", *options, *out) == cli.REFUSED
-    two, python = ((tmp_path / x / "resonance.csv").read_bytes() for x in variants)
-    sequential = (
-        ask("resonance", speeds="20,24", steps_per_rev=64).first_table.to_csv(index=False).encode()
-    )
-    assert sequential == two
-    assert len(sequential.splitlines()) == 3
-    assert sequential.splitlines()[:2] == python.splitlines()
 
 
 def test_stability_limits_are_those_of_the_linearised_map() -> None:
@@ -261,53 +167,6 @@ def test_a_users_question_runs_and_is_studied_anywhere(tmp_path: Path) -> None:
     assert same["tenth"] == pytest.approx(figures["tenth"], rel=1e-9)
 
 
-def loaded(*words: str) -> tuple[str, set[str]]:
-    """What a command prints, and what a child has imported for it."""
-    code = (
-        "import sys; from contextlib import suppress; from scenarios.__main__ import main\n"
-        "with suppress(SystemExit): main(sys.argv[1:])\n"
-        "print(*sys.modules, file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code, *words], cwd=ROOT, check=True, capture_output=True, text=True
-    )
-    return done.stdout, set(done.stderr.splitlines()[-1].split())
-
-
-@pytest.mark.parametrize("words", [["--help"], ["list"]])
-def test_what_asks_nothing_imports_neither_questions_nor_numpy(words: list[str]) -> None:
-    _, modules = loaded(*words)
-    light = {f"scenarios.{name}" for name in ("__main__", "fmu_files", "project")}
-    assert {name for name in modules if name.startswith("scenarios.")} == light
-    assert not modules & {"numpy", "fmpy", "rich", "workbench.run"}
-
-
-AT_FIRST_WORD = """
-import sys
-from scenarios.__main__ import main
-from workbench import answer
-text = answer.Answer.__repr__
-def spoken(self):
-    print(*sys.modules, file=sys.stderr)
-    return text(self)
-answer.Answer.__repr__ = spoken
-main(sys.argv[1:])
-print(*sys.modules, file=sys.stderr)
-"""
-
-
-def test_an_answer_is_printed_before_anything_is_drawn(tmp_path: Path) -> None:
-    """matplotlib is imported behind it; pandas and scipy.stats never are."""
-    words = ["run", "resonance", "--speeds", "38:42:5", "--steps-per-rev", "128", "--out", tmp_path]
-    done = subprocess.run(
-        [sys.executable, "-c", AT_FIRST_WORD, *words],
-        cwd=ROOT, check=True, capture_output=True, text=True,
-    )  # fmt: skip
-    before, after = ({*line.split()} for line in done.stderr.splitlines()[-2:])
-    assert "matplotlib" not in before and "matplotlib" in after
-    assert not after & {"pandas", "scipy.stats"}
-
-
 @pytest.mark.parametrize("module", ["workbench.cli", "cosim.errors", "numpy", "scipy"])
 def test_ctrl_c_during_an_import_is_one_line(module: str, tmp_path: Path) -> None:
     code = f"""
@@ -333,18 +192,6 @@ def test_a_follower_that_its_rocker_lifts_at_rest_has_no_speed_that_is_safe() ->
     assert heavy.figures["follower_limit"].value == 0.0
     assert heavy.figures["share"].reason == "the first limit is 0"
     assert any("cam follower lifts off" in warning for warning in heavy.warnings)
-
-
-def test_what_the_lag_adds_lies_within_its_error_of_that_with_more_samples_of_a_turn(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Also the largest torque, of which it is a share, stands between samples."""
-    estimates = ask("iron_orders", speeds="6.4").figures
-    monkeypatch.setattr(iron_orders, "PER_REV", 4 * iron_orders.PER_REV)
-    for name, figure in ask("iron_orders", speeds="6.4").figures.items():
-        assert abs(estimates[name].value - figure.value) <= estimates[name].error + figure.error, (
-            name
-        )
 
 
 def test_a_speed_without_steady_motion_is_warned_of() -> None:

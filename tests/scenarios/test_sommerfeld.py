@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy.optimize import root
 from components.DC_motor import model as motor
 from components.unbalance_exciter import model as exciter
 from cosim import SetupError
-from scenarios.exciter.orbits import ExciterOrbits, Shooting
 from tests.conftest import ask
 from tests.oracle import joined, part
 from tests.scenarios.exciter_oracle import DEFAULT, NAMES, fold, guess, linearised, returned, steady
@@ -30,54 +28,9 @@ RANDOM_EXCITER = {
 """A machine for which levels that are held for a time overran both folds."""
 
 
-def test_a_motion_that_is_lost_after_a_jump_is_named_by_the_speed_at_which_it_was_sought() -> None:
-    """Of three motors at 0.2 V.s/rad one is lost at once, and the voltage of one falls where it should rise."""
-    sought = []
-
-    def orbits(speed: Any, _: Any) -> ExciterOrbits:
-        sought.append(speed)
-        supply = np.array([math.nan, 0.2, 0.3]) * speed
-        problems = np.array([f"lost at {speed[0]:g} rad/s", "", ""], object)
-        slope = np.array([0.2, 0.2, -0.3])
-        return ExciterOrbits(speed, supply, slope, np.zeros((3, 4), complex), problems)
-
-    folds, speeds = np.array([[10.0, 2.0], [20.0, 1.0]]), np.array([40.0])
-    theory = SimpleNamespace(folds=folds, speeds=speeds, supplies=np.array([8.0]))
-    shooting: Any = SimpleNamespace(theory=theory, orbits=orbits)
-    supply, which = np.array([18.0, 20.0, 30.0]), np.zeros(3, int)
-    found = Shooting.after_jump(shooting, which, supply, which)
-    assert np.isfinite(sought).all()
-    assert found.speed[1] == pytest.approx(100.0)
-    lost = "no steady motion was found at 30 V after the jump"
-    assert found.problems.tolist() == ["lost at 40 rad/s", "", lost]
-
-
 @pytest.fixture(scope="module")
 def answer() -> Any:
     return ask("sommerfeld", supplies="18:30:13", step=0.02)
-
-
-@pytest.mark.slow
-def test_jumps_lie_where_theory_has_its_folds(answer: Any) -> None:
-    """The folds of v = R/k tau(w) + k w, found here on a grid; the verdict names both jumps."""
-    w = np.linspace(45.0, 60.0, 150_001)
-    absorbed = 80.0 * 0.025**2 * w**5 / (2 * ((50000.0 - 20.0 * w**2) ** 2 + (80.0 * w) ** 2))
-    v = 5.0 / 0.2 * (0.005 * w + absorbed) + 0.2 * w
-    top = int(np.argmax(v[w < 52.0]))
-    bottom = top + int(np.argmin(v[top:]))
-    for direction, at, side in (("up", top, 0.1), ("down", bottom, 0.5)):
-        stated = {x: answer.figures[f"{x}_{direction}"] for x in ("supply", "before", "theory")}
-        fold_of = np.polynomial.Polynomial.fit(w[at - 50 : at + 51], v[at - 50 : at + 51], 4)
-        exact = fold_of(min(fold_of.deriv().roots(), key=lambda x: abs(x - w[at])).real)
-        assert stated["theory"].value == pytest.approx(exact, rel=1e-11)
-        assert stated["supply"].value == pytest.approx(v[at], abs=3e-3)
-        assert stated["before"].value == pytest.approx(w[at], abs=side)
-        assert 0.0 < stated["supply"].error < 1e-4
-    rows = answer.tables["sommerfeld.csv"].frame
-    rising, falling = (rows[rows["falling"] == k].set_index("supply")["speed"] for k in (0, 1))
-    assert rising[28.0] < 51.0 < 1.1 * rising[28.0] < falling[21.0] < falling[28.0] < rising[29.0]
-    steady = rising[[22.0, 24.0, 26.0, 28.0]]
-    assert np.interp(steady, w, v) == pytest.approx(steady.index, rel=3e-3)
 
 
 @pytest.mark.slow

@@ -6,14 +6,12 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from cosim import SetupError
 from scenarios.conveyor.first_order import SETS
 from scenarios.conveyor.second_order import settling_rates
 from scenarios.project import PROJECT
@@ -21,9 +19,8 @@ from tests.conftest import ask
 from tests.scenarios.orbit_oracle import Drive, orbit
 from workbench.answer import Answer
 from workbench.cli import REFUSED, main
-from workbench.figure import ERROR_SCOPE, Figure
+from workbench.figure import ERROR_SCOPE
 from workbench.page.html import code
-from workbench.run import is_refused
 
 SPEEDS = "34:46:7"
 
@@ -73,15 +70,6 @@ def test_the_gain_is_the_torque_ripple_over_that_of_the_load(name: str) -> None:
     gain = answer.figures["gain_operating"]
     assert gain.error is not None
     assert abs(gain.value - abs(orbit(drive, 40.0).tau2) / load) <= gain.error < 0.01 * gain.value
-
-
-def test_theory_runs_through_the_points_of_the_picture() -> None:
-    ripples = ask("resonance", speeds=SPEEDS, steps_per_rev=256).show().charts[0]
-    assert [panel.unit for panel in ripples.panels] == ["N.m", "rad/s", "deg"]
-    for panel in ripples.panels:
-        line, points = panel.curves
-        theory = np.interp(points.x, line.x, line.y)
-        assert points.y == pytest.approx(theory, abs=0.03 * points.y.max())
 
 
 def half_power(first: float, last: float, lag: float) -> float:
@@ -204,24 +192,6 @@ def test_a_refused_answer_has_a_separate_exit_status(
         assert json.loads((out / "resonance.json").read_text())["refused"] is expected
         assert str(code(ERROR_SCOPE)) in (out / "report.html").read_text()
     assert REFUSED == 3
-
-
-def test_an_answer_hangs_on_what_its_question_declares_or_on_all_that_is_no_formula() -> None:
-    determined, formula = Figure(1.0, "N", 0.1), Figure(1.0, "N", 0.0)
-    unknown = Figure.undetermined("N", "it stuck")
-    declared = SimpleNamespace(decisive=("a",), path="mine.py")
-    free = SimpleNamespace(decisive=(), path="mine.py")
-    for page, figures, wanted in (
-        (declared, {"a": determined, "b": unknown}, False),
-        (declared, {"a": unknown, "b": determined}, True),
-        (free, {"a": unknown, "b": determined}, False),
-        (free, {"a": unknown, "b": formula}, True),
-        (free, {"a": formula}, False),
-        (free, {}, False),
-    ):
-        assert is_refused(page, figures) is wanted  # type: ignore[arg-type]
-    with pytest.raises(SetupError, match="decisive names 'a', which is no figure"):
-        is_refused(declared, {"b": determined})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("lag", "overshoots"), [(1e-3, True), (2e-4, False)])

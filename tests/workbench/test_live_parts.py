@@ -4,33 +4,27 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
-from functools import cache
 from pathlib import Path
 from textwrap import indent
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 import cosim
-from cosim import Result, SetupError, System
-from cosim.metrics import TURN, Integral
-from scenarios.conveyor import live_theory
+from cosim import Result, SetupError
+from cosim.metrics import Integral
 from scenarios.conveyor.first_order import SETS
-from scenarios.conveyor.machine import conveyor_drive, linearised
-from scenarios.iron.questions import iron_bounce
+from scenarios.conveyor.machine import conveyor_drive
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, fmus_of
 from tests.workbench.javascript import Evaluate, evaluator
 from workbench import live
 from workbench.answer import Findings, LivePart
 from workbench.catalog import load_module, names
-from workbench.charts.labels import apart
 from workbench.charts.motion import Shape, line
 from workbench.figure import Figure
 from workbench.formula import Formula
@@ -48,15 +42,9 @@ from workbench.live import (
     Slider,
     drawing,
 )  # fmt: skip
-from workbench.live.build import FOLDER, script
-from workbench.live.declare import READERS
+from workbench.live.build import FOLDER
 from workbench.question import read
 from workbench.run import ask as workbench_ask
-
-LIVE_QUESTIONS = (
-    "iron_bounce", "iron_cycle", "iron_start", "orientator_cycle", "packing_line", "resonance",
-    "run_up", "sommerfeld", "speed_step",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -102,18 +90,6 @@ def test_what_is_no_formula_is_refused(text: str) -> None:
         Formula.read(text)
 
 
-@cache
-def recorded() -> dict[str, Result]:
-    """A smooth run, one with jumps, and one of many turns."""
-    bounce = load_module(names(PROJECT.home)["iron_bounce"])
-    flight = iron_bounce.turns_with_flight(System(fmus_of(bounce)), 720, 9.4)
-    return {
-        "iron": flight,
-        "conveyor": run_up(),
-        "orientator": orientator(),
-    }
-
-
 def run_up() -> Result:
     page = load_module(names(PROJECT.home)["run_up"])
     import cosim
@@ -125,113 +101,6 @@ def run_up() -> Result:
 def orientator() -> Result:
     page = load_module(names(PROJECT.home)["orientator_cycle"])
     return cosim.run(read(page)().system(fmus_of(page)), stop=0.6, step=1e-3)
-
-
-READ = {
-    "iron": (
-        "iron.phi",
-        ["iron.N", "iron.v_landing", "iron.landings", "iron.t_flight", "iron.lift"],
-    ),
-    "conveyor": ("conveyor.phi", ["motor.tau", "conveyor.w", "conveyor.f_rod"]),
-    "orientator": ("orientator.phi1", ["orientator.stage", "orientator.w2", "orientator.t_joint"]),
-}
-
-
-def wave(result: Result, angle: str, column: str, order: int) -> complex:
-    """The complex amplitude of an order of an angle over its last turn, on splines between rows."""
-    phi = np.linspace(result[angle][-1] - TURN, result[angle][-1], 400_001)
-    x = CubicSpline(result[angle], result[column])(phi)
-    return complex(np.trapezoid(x * np.exp(-1j * order * phi), phi)) * 2j / TURN
-
-
-def expected(result: Result, kind: str, column: str, begin: float, level: float) -> float:
-    """What the metric of a reader says of a column from a time [s] on; nan if there is nothing."""
-    curve = result.solution(column)
-    window = curve if not begin > curve.t[0] else curve.between(begin, math.inf)
-    [value] = Reader(kind, column, level=level).metric({})(window)
-    return float(value)
-
-
-@pytest.mark.parametrize("name", READ)
-def test_readers_are_the_metrics_of_the_master_on_recorded_runs(
-    name: str, javascript: Evaluate
-) -> None:
-    """Within what the distance of rows leaves: its square where a column is smooth, a tenth of it where it jumps."""
-    result, (angle, columns) = recorded()[name], READ[name]
-    t = result["time"]
-    is_turning = np.ptp(result[angle]) > TURN
-    begin = float(np.interp(result[angle][-1] - TURN, result[angle], t)) if is_turning else None
-    cases, wanted = [], []
-    for column in columns:
-        x = result[column]
-        level = float((x.min() + 2 * x.max()) / 3)
-        for window in {0.0, float(t[-1]) / 3, begin or 0.0}:
-            for kind in (kind for kind, metric in READERS.items() if metric):
-                cases.append([kind, column, window, level])
-                wanted.append(expected(result, kind, column, window, level))
-        if name == "conveyor":
-            x_2 = wave(result, angle, column, 2)
-            cases += [[kind, column, begin, level] for kind in ("amplitude", "phase")]
-            wanted += [abs(x_2), math.degrees(np.angle(x_2))]
-    data = {name: result[name].tolist() for name in (*columns, angle, "time")}
-    values, first = javascript(f"""{script(("readers.js",))}
-        const data = Object.fromEntries(Object.entries({json.dumps(data)}).map(([k, x]) => [k, Float64Array.from(x)]));
-        const angle = data["{angle}"];
-        return [{json.dumps(cases)}.map(([kind, column, begin, level]) => {{
-            const rows = since({{ t: data.time, x: data[column], angle }}, begin);
-            return readers[kind]({{ ...rows, order: 2, level }});
-        }}), revolution(data.time, angle)];""")
-    assert first == (pytest.approx(begin, rel=1e-9) if is_turning else None)
-    for case, value, truth in zip(cases, values, wanted, strict=True):
-        kind, column = case[:2]
-        if math.isnan(truth):
-            assert value is None, case
-            continue
-        size = (
-            float(t[-1])
-            if kind == "first_crossing" or "time" in kind
-            else float(np.ptp(result[column]))
-        )
-        if kind == "phase":
-            size *= math.degrees(1.0) / abs(wave(result, angle, column, 2))
-        is_smooth = name == "conveyor" and "time" not in kind
-        share = 10 / len(t) ** 2 if is_smooth else 0.1 / len(t)
-        assert abs(value - truth) < share * size, case
-
-
-def test_names_move_apart_alike_in_a_picture_and_on_a_live_page(javascript: Evaluate) -> None:
-    """Also where more of them stand at one place than there is room for."""
-    rng = np.random.default_rng(5)
-    cases = [
-        (rng.uniform(-0.2, 1.2, n).round(1).tolist(), rng.uniform(0.02, 0.5, n).tolist())
-        for n in rng.integers(1, 8, 60).tolist()
-    ]
-    source = (FOLDER / "curves.js").read_text()
-    places = javascript(
-        f"{source} return {json.dumps(cases)}.map(([at, size]) => apart(at, size));"
-    )
-    for case, moved in zip(cases, places, strict=True):
-        assert moved == pytest.approx(apart(*case), abs=1e-12), case
-
-
-@pytest.mark.parametrize("start", [{}, {"motor.characteristic": 1, "motor.B": 35.8}])
-def test_theory_as_formulas_is_the_theory(start: Mapping[str, Any]) -> None:
-    for name, base in SETS.items():
-        nu = 43.0
-        kloss = {"motor.kloss.tau_b": 190.0, "motor.kloss.s_b": 0.16, "motor.kloss.w_s": 65.4}
-        v: dict[str, float] = {**kloss, **base.start(nu), "speed": nu}
-        for key, text in live_theory.values(base.follow(start)).items():
-            v[key] = Formula.read(text)(v)
-        machine = linearised(base.follow({**kloss, **start}), nu)
-        expected = {
-            "B": machine.B, "slope": machine.slope, "theta0": machine.theta0, "J": machine.J,
-            "nu_res": machine.nu_res, "zeta": machine.zeta, "load_slope": machine.load_slope,
-            "torque_ripple": abs(machine.torque_ripple(nu)), "speed_ripple": abs(machine.speed_ripple(nu)),
-            "load_re": machine.load_ripple(nu).real, "load_im": machine.load_ripple(nu).imag,
-            "torque_lag": np.angle(machine.load_ripple(nu) / machine.torque_ripple(nu), deg=True) % 360,
-        }  # fmt: skip
-        for key, value in expected.items():
-            assert v[key] == pytest.approx(value, rel=1e-12), (name, key)
 
 
 def arm(nonlinear: float = 0.0) -> LiveMotion:
@@ -288,38 +157,6 @@ def test_a_machine_that_has_no_live_drawing_costs_a_warning_and_not_the_answer()
     assert answer.live is not None and answer.live.data["motion"] is None
     (warning,) = [text for text in answer.warnings if "does not show" in text]
     assert "'Both conveyors from rest': with these dimensions the spring would be drawn" in warning
-
-
-QUICKLY: dict[str, dict[str, Any]] = {
-    "resonance": {"speeds": "30,44", "steps_per_rev": 64},
-    "run_up": {"stop": 0.3},
-    "iron_start": {"stop": 0.5},
-    "sommerfeld": {"supplies": "18:30:3", "hold": 2.0, "step": 0.02},
-}
-
-
-def declared_live(name: str, **start: Any) -> Live:
-    """What a question declares, for short options."""
-    options = QUICKLY.get(name, {}) | {"start": start}
-    answer = ask(name, **options)
-    live = PROJECT.load(name).parse(options).live(answer.figures, answer.data)
-    assert isinstance(live, Live)
-    return live
-
-
-@pytest.mark.parametrize("name", [
-    pytest.param(x, marks=[pytest.mark.slow] if x == "sommerfeld" else []) for x in LIVE_QUESTIONS
-])  # fmt: skip
-def test_no_slider_changes_the_elements_of_a_drawing(name: str) -> None:
-    """At the same coordinates, the same lines."""
-    plain = declared_live(name)
-    start = {x.name: x.low + 0.3 * (x.high - x.low) for x in plain.sliders if "." in x.name}
-    motions = [plain.motion, declared_live(name, **start).motion]
-    assert motions[0] and motions[1]
-    rng = np.random.default_rng(1)
-    columns = {x.column: rng.uniform(x.low, x.high, 9) for x in motions[0].coordinates}
-    for first, second in zip(*(motion.draw(columns) for motion in motions), strict=True):
-        assert second.points == pytest.approx(first.points, abs=1e-9), first.name
 
 
 def built(declaration: Any) -> Any:

@@ -3,17 +3,12 @@ mechanisms that are drawn."""
 
 from __future__ import annotations
 
-import base64
-import gzip
-import hashlib
-import io
 import math
-import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -36,12 +31,9 @@ from workbench.catalog import names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
 from workbench.charts.axes import x_axis
-from workbench.charts.elements import UNDETERMINED, Band, Bars, Line
 from workbench.charts.gif import gif
-from workbench.charts.labels import apart
 from workbench.charts.layout import layout_of
 from workbench.charts.model import (
-    Arrow,
     Chart,
     Curve,
     HeatMap,
@@ -52,7 +44,7 @@ from workbench.charts.model import (
     Span,
 )
 from workbench.charts.motion import Motion, Shape
-from workbench.charts.style import LETTERS_BY_SCREEN, STYLE, Screen
+from workbench.charts.style import STYLE
 from workbench.export import write
 from workbench.figure import Figure
 from workbench.judgement import Judgement
@@ -184,108 +176,6 @@ def test_an_axis_of_a_study_with_logarithmic_spacing_is_logarithmic() -> None:
     plan = SimpleNamespace(grid=grid, varied=[*grid], tolerances={})
     (plane,) = overview(cast(Study, plan), pd.DataFrame(rows), ["y"], {})
     assert isinstance(plane, HeatMap) and (plane.x.log, plane.y.log) == (True, False)
-
-
-def test_the_image_draws_the_elements_of_the_layout() -> None:
-    figure, layout = mpl.render([sample_chart()], "A title"), layout_of(sample_chart(), "paper")
-    axes = figure.subfigs[0].axes
-    assert figure.get_suptitle() == "A title"
-    assert [each.get_ylabel() for each in axes] == [placed.label for placed in layout.rows]
-    for axis, placed in zip(axes, layout.rows, strict=True):
-        row = placed.row
-        assert axis.get_ylim() == pytest.approx(row.y.ends)
-        assert axis.get_xlim() == pytest.approx(layout.x.ends)
-        elements = [x for x in row.elements if isinstance(x, Line)]
-        lines = axis.lines[: len(elements)]
-        for line, element in zip(lines, elements, strict=True):
-            assert_allclose(line.get_ydata(), element.y)
-            assert line.get_drawstyle() == ("steps-mid" if element.is_step else "default")
-            assert line.get_marker() == mpl.MATPLOTLIB_MARKERS[element.marker]
-        assert len(axis.lines) == len(lines) + len(layout.picture.marks)
-        widths = [bar.get_width() for bars in axis.containers for bar in bars]
-        assert widths == [x.width for x in row.elements if isinstance(x, Bars)]
-        bands = [x for x in row.elements if isinstance(x, Band)]
-        assert len(axis.collections) == len(bands)
-        assert len(axis.patches) == len(widths) + len(layout.picture.spans)
-        written = {text.get_text() for text in axis.texts}
-        assert {name.text for name in placed.names} <= written
-        boxes: list[Any] = list(axis.artists)
-        of_element = dict(zip(map(id, elements), lines))
-        for box, name in zip(boxes, placed.names, strict=True):
-            (piece,) = box.offsetbox.get_children()
-            drawn: Any = of_element.get(id(name.element), piece)
-            for what in ("linestyle", "marker", "color") * isinstance(name.element, Line):
-                assert getattr(piece, f"get_{what}")() == getattr(drawn, f"get_{what}")()
-        assert [name.element.name for name in placed.names] == [
-            element.name for element in row.named
-        ]
-    texts: Any = axes[0].texts
-    places = {t.get_text(): (t.xy[0], round(t.xyann[1] / 14)) for t in texts}
-    wanted = {"avoid": (3.0, 1), "peak": (3.0, 0), "crossing": (3.1, 0)}
-    assert {text: places[text] for text in wanted} == wanted
-    assert [a.get_xlabel() for a in axes[-1].child_axes] == ["[rpm]"]
-
-
-@pytest.mark.parametrize("screen", LETTERS_BY_SCREEN)
-def test_no_text_above_a_picture_meets_another_or_the_line_of_a_mark(screen: Screen) -> None:
-    close = [Mark(39.0 + k / 3, f"a mark with a long text {k}") for k in range(5)]
-    chart = Chart("", "", [Panel("", "", [Curve("", [20.0, 66.0], [0.0, 1.0], "red")])],
-                  [*close, Mark(22.0, "far")], [Span(30.0, 45.0, "span")])  # fmt: skip
-    layout = layout_of(chart, screen)
-    letters, boxes = LETTERS_BY_SCREEN[screen], []
-    for label in layout.labels:
-        length = len(label.text) / letters
-        at = float(layout.x.share(label.at))
-        first = at - {"left": 0.0, "center": 0.5, "right": 1.0}[label.anchor] * length
-        assert first + length < 1.01
-        boxes.append((label, first, first + length))
-    for label, first, end in boxes:
-        assert not [
-            x
-            for x, a, b in boxes
-            if x is not label and x.line == label.line and a < end and first < b
-        ]
-        crossing = [x.text for x, _, _ in boxes if x.line > label.line and x.text != "span"
-                    and x.anchor != "center" and first < float(layout.x.share(x.at)) < end]  # fmt: skip
-        assert not crossing or label.anchor == "center"
-    named: list[Any] = [*chart.marks, *chart.spans]
-    assert sorted(x.text for x in layout.labels) == sorted(x.text for x in named)
-    assert 1 + max(x.line for x in layout.labels) <= {"wide": 4, "paper": 4, "narrow": 7}[screen]
-
-
-def test_names_stand_at_the_ends_of_their_curves_and_never_on_each_other() -> None:
-    """Those of curves that end at one place are moved apart, at the foot of a panel upwards."""
-    assert apart([0.2, 0.6], [0.1, 0.1]) == [0.2, 0.6]
-    assert apart([0.5, 0.5], [0.1, 0.1]) == pytest.approx([0.5, 0.6])
-    assert apart([1.0, 0.98, 0.5], [0.1, 0.1, 0.1]) == pytest.approx([0.95, 0.85, 0.5])
-    rng = np.random.default_rng(5)
-    for _ in range(50):
-        wanted, sizes = rng.random(6).tolist(), (0.16 * rng.random(6)).tolist()
-        places = apart(wanted, sizes)
-        order = sorted(range(6), key=lambda k: places[k])
-        for a, b in pairwise(order):
-            assert places[b] - places[a] > (sizes[a] + sizes[b]) / 2 - 1e-12
-        assert min(p - s / 2 for p, s in zip(places, sizes)) > -1e-12
-        assert max(p + s / 2 for p, s in zip(places, sizes)) < 1 + 1e-12
-
-
-def test_points_without_a_value_are_reported_and_jumps_are_broken_with_an_arrow() -> None:
-    x, nan = [1.0, 2.0, 3.0, 4.0], math.nan
-    curves = [Curve("up", x, [1.0, 2.0, 8.0, nan], "red", "linked", breaks=[2]),
-              Curve("down", x, [1.0, 2.0, 8.0, 6.0], "blue", "linked")]  # fmt: skip
-    panel = Panel("speed", "rad/s", curves, arrows=[Arrow(2.5, 2.0, 12.0)])
-    (placed,) = layout_of(Chart("", "x", [panel])).rows
-    up, down, missing = placed.row.elements
-    assert isinstance(up, Line) and isinstance(down, Line) and isinstance(missing, Line)
-    assert_allclose(up.y, [1.0, 2.0, nan, 8.0, nan])
-    assert up.marker_px == down.marker_px == STYLE.marker_px and up.marker != down.marker
-    assert (missing.name, missing.x.tolist(), missing.is_named) == (UNDETERMINED, [4.0], True)
-    low, high = placed.row.y.ends
-    assert low < missing.y[0] < low + 0.1 * (high - low) and high > 12.0
-    (arrow,) = placed.row.arrows
-    assert (arrow.x, arrow.start, arrow.end) == (2.5, 2.0, 12.0)
-    notes = plotly.figure(Chart("", "x", [panel]))["wide"]
-    assert [(n["ay"], n["y"]) for n in notes["annotations"] if n["showarrow"]] == [(2.0, 12.0)]
 
 
 def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
@@ -601,29 +491,6 @@ def test_a_page_runs_its_scripts_and_no_other(
         )
 
 
-def test_the_policy_of_a_page_names_the_scripts_of_its_template(
-    sample: Path, tmp_path: Path
-) -> None:
-    """An answer that contains a script, as text or in its tag, does not get it into the policy."""
-    tree = parsed(sample / "report.html")
-    (policy,) = tree.xpath("//meta[@http-equiv='Content-Security-Policy']/@content")
-    (script,) = (each.text for each in tree.xpath("//script[not(@type)]"))
-    plotly = gzip.decompress(base64.b64decode(tree.xpath("string(//script[@id='plotly'])")))
-    hashes = [
-        base64.b64encode(hashlib.sha256(text).digest()).decode()
-        for text in (script.encode(), plotly)
-    ]
-    assert policy == (
-        f"default-src 'none'; script-src 'sha256-{hashes[0]}' 'sha256-{hashes[1]}'; style-src "
-        "'unsafe-inline'; img-src data: blob:; base-uri 'none'; form-action 'none'"
-    )
-    text = "<script secret>a</script><script>b</script><script own-0>c</script><i secret>"
-    once = html.secured(text, "secret", [])
-    assert once.startswith("<script>a</script><script>b</script><script own-0>c</script>")
-    (allowed_scripts,) = re.findall(r"script-src ([^;]*);", once)
-    assert allowed_scripts == f"'sha256-{base64.b64encode(hashlib.sha256(b'a').digest()).decode()}'"
-
-
 def test_the_download_is_the_csv_to_the_byte(opened: Browser, sample: Path, tmp_path: Path) -> None:
     opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     opened.until(f"{first_element('a[download]')}.href.startsWith('blob:')")
@@ -651,16 +518,6 @@ def test_motion_follows_slider_and_button(opened: Browser) -> None:
     opened.until(f"{tip}[0] < 500")
 
 
-def test_thinning_keeps_ends_and_peaks() -> None:
-    y = np.random.default_rng(1).normal(size=100_000)
-    y[[777, 54_321]] = 99.0, -99.0
-    indices = plotly.thinned(y)
-    assert len(indices) <= STYLE.max_points
-    assert {777, 54_321, 0, 99_999} <= set(indices)
-    assert (np.diff(indices) > 0).all()
-    assert y[:10][plotly.thinned(y[:10])].tolist() == y[:10].tolist()
-
-
 def test_thinning_keeps_peaks_beside_gaps_and_the_gaps() -> None:
     y = np.zeros(20_000)
     y[[5000, 5007]] = np.nan, 5.0
@@ -670,21 +527,6 @@ def test_thinning_keeps_peaks_beside_gaps_and_the_gaps() -> None:
     assert len(indices) <= STYLE.max_points
     assert {5000, 5007, 9000, 9001} <= set(indices)
     assert np.isnan(y[[k for k in indices if 12_010 <= k < 12_990]]).all()
-
-
-def test_a_table_too_large_for_a_page_is_thinned_and_says_so(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    x = np.random.default_rng(1).normal(size=4000)
-    table = Table.of_frame(pd.DataFrame({"x": x}), {"x": "1"})
-    limited, note = html.packed_csv(table)
-    assert note == "4000 rows"
-    monkeypatch.setattr(html, "MAX_TABLE_LETTERS", len(limited) // 3)
-    packed, note = html.packed_csv(table)
-    assert len(packed) < len(limited) // 3
-    assert note == "one row in 4 of 4000; the complete file is next to this page"
-    rows = pd.read_csv(io.BytesIO(gzip.decompress(base64.b64decode(packed))))
-    assert_allclose(rows["x"], x[::4])
 
 
 def test_a_gif_has_the_frames_of_its_motion(tmp_path: Path) -> None:

@@ -140,13 +140,3 @@ def test_a_yes_or_no_over_one_input_says_from_where_to_where(
     plan = study.load(write(tmp_path, f'scenario = "plane.py"\n[grid]\nx = {x.tolist()}\n'))
     table = Table({"x": x, "high": np.array(values[::-1], float)}, {"x": "m", "high": "1"})
     assert sentence(plan, table, "high") == f"high: {text}"
-
-
-def test_a_yes_or_no_of_samples_says_where_all_and_where_none_are(tmp_path: Path) -> None:
-    text = LIMITS.replace("[sampling]", "[grid]\ny = [1.0, 2.0, 3.0, 4.0]\n[sampling]")
-    plan = study.load(write(tmp_path, text))
-    y, high = np.repeat([1.0, 2.0, 3.0, 4.0], 3), np.array([1, 1, 1, 1, 1, 1, 0, 1, 0, 0, 0, 0.0])
-    table = Table({"y": y, "high": high}, {"y": "m", "high": "1"})
-    assert sentence(plan, table, "high") == (
-        "high: yes in 7 of 12 runs; in all of those at y = 1 to 2 m; in none of those at y = 4 m"
-    )

@@ -26,12 +26,10 @@ from tests.conftest import ROOT, restore_ctrl_c, until
 from workbench import study
 from workbench.cli import main
 from workbench.project import NO_PROJECT
-from workbench.runs import fingerprint
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
 from workbench.study.file import Sampling
 from workbench.study.report import _causes
-from workbench.study.run import identity
 
 GRID = """
 scenario = "plane.py"
@@ -455,88 +453,6 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
     refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root, high")
 
 
-FMU = {flavour: folder / "GravityOrientator.fmu" for flavour, folder in PROJECT.folders.items()}
-CUP = """
-scenario = "orientator_cycle"
-timeout = 60.0
-[fixed]
-step = 0.01
-"orientator.cup.m" = 0.04
-[grid]
-speed = [40.0, 50.0]
-[sampling]
-method = "lhs"
-number = 4
-seed = 1
-[tolerances]
-"orientator.chute.mu" = { nominal = 0.35, normal = 0.04, within = 0.12 }
-"""
-
-
-def test_whatever_changes_makes_another_study_but_for_what_is_displayed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def who(text: str = CUP, flavour: str = "python") -> dict[str, Any]:
-        (tmp_path / "cup.toml").write_text(text)
-        plan = study.load(tmp_path / "cup.toml", PROJECT)
-        return identity(plan, {"orientator": FMU[flavour]}, flavour)
-
-    before = who()
-    numbers = [match.span() for match in re.finditer(r"\d+\.?\d*|lhs", CUP)]
-    assert len(numbers) == 11
-    assert CUP[slice(*numbers.pop(0))] == "60.0"  # the timeout, on which no row depends
-    for first, last in numbers:
-        old = CUP[first:last]
-        new = {"lhs": "sobol", "4": "8"}.get(old, f"{old}1")
-        assert who(f"{CUP[:first]}{new}{CUP[last:]}") != before
-    assert who(f"figures = ['t_joint']  # a remark\n{CUP}") == before
-    assert who(CUP.replace("timeout = 60.0", "timeout = 90.0")) == before
-
-    def changed(other: dict[str, Any]) -> set[str]:
-        return {name for name in before if before[name] != other[name]}
-
-    assert changed(who(flavour="native")) == {"flavour", "fmus"}
-    seeds = study.file.Study.samples
-    for part, name, other in (
-        ("versions", "cosim.versions", lambda: before["versions"] | {"numpy": "9.9"}),
-        (
-            "code",
-            "workbench.runs.fingerprint.code",
-            lambda *_: {**before["code"], "cosim/a.py": "0"},
-        ),
-        (
-            "inputs",
-            f"{study.file.__name__}.Study.samples",
-            lambda plan: [(x + 1e-15,) for (x,) in seeds(plan)],
-        ),
-    ):
-        with monkeypatch.context() as patch:
-            patch.setattr(name, other)
-            assert changed(who()) == {part}
-
-
-def test_each_file_of_the_code_is_part_of_an_identity(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    package = tmp_path / "machines_of_a_test"
-    files = ["questions/ask.py", "machine.py", "steps.c"]
-    for file in files:
-        (package / file).parent.mkdir(parents=True, exist_ok=True)
-        (package / file).write_text("")
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def who() -> dict[str, Any]:
-        fingerprint.code.cache_clear()
-        return fingerprint.computation(f"{package.name}.questions.ask", {}, package.name)
-
-    seen = [who()]
-    for file in files:
-        (package / file).write_text("\n")
-        assert who() not in seen
-        seen.append(who())
-    fingerprint.code.cache_clear()
-
-
 def test_more_time_is_for_the_runs_that_had_too_little(write: Write, tmp_path: Path) -> None:
     out, hang = tmp_path / "out", 'scenario = "plane.py"\n{}[grid]\nmood = ["good", "hang"]\n'
     study.run(study.load(write(hang.format("timeout = 2.0\n"))), out=out, jobs=1)
@@ -548,19 +464,6 @@ def test_more_time_is_for_the_runs_that_had_too_little(write: Write, tmp_path: P
     assert "no answer after 3 s" in table(out)[1]["message"]
     less = study.run(study.load(write(hang.format("timeout = 1.0\n"))), out=out, jobs=1)
     assert "0 of them now" in less.verdict
-
-
-@pytest.mark.parametrize("part", ["conclude", "end"])
-def test_an_interruption_behind_the_last_run_says_what_is_kept(
-    part: str, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    if part == "conclude":
-        monkeypatch.setitem(vars(sys.modules["workbench.study.run"]), "conclude", interrupted)
-    with pytest.raises(KeyboardInterrupt, match=r"^10 rows in .*; the same command continues$"):
-        study.run(study.load(write(GRID)), out=tmp_path / "out", jobs=1, end=interrupted)
 
 
 def test_a_study_file_may_begin_with_a_byte_order_mark(write: Write) -> None:
@@ -619,26 +522,6 @@ def indices_of(sampling: Sampling, x: Any, y: Any) -> list[sensitivity.Index]:
     indices = sensitivity.indices(sampling, "abc"[: x.shape[1]], x, "f", y)
     assert not isinstance(indices, str)
     return indices
-
-
-@pytest.mark.parametrize(
-    ("method", "number", "by", "kinds"),
-    [("lhs", 128, "linear", 1), ("sobol", 128, "linear", 1), ("saltelli", 512, "saltelli", 2)],
-)
-def test_indices_report_the_shares_of_a_linear_figure(
-    method: str, number: int, by: str, kinds: int
-) -> None:
-    slopes = np.array([4.0, 2.0, 0.0])
-    shares = slopes**2 / (slopes**2).sum()
-    sampling = Sampling(method, number, 7)
-    x = sampling.cube(3)
-    indices = indices_of(sampling, x, x @ slopes)
-    assert [index.method for index in indices] == [by] * 3 * kinds
-    for index, share in zip(indices, [*shares] * kinds):
-        assert index.r2 == pytest.approx(1.0, abs=1e-12)
-        assert index.value == pytest.approx(share, abs=0.06)
-        assert abs(index.value - share) <= 1.5 * index.confidence + 1e-12
-        assert index.confidence < 0.15
 
 
 def test_the_interval_of_a_bent_figure_holds_what_a_line_leaves_over() -> None:
@@ -700,15 +583,6 @@ def test_without_salib_a_study_keeps_its_rows_and_says_what_to_install(
     path = write(TOLERANCES.replace(LHS, 'method = "saltelli"\nnumber = 64'))
     with pytest.raises(SetupError, match="'saltelli' needs the package SALib: pip install"):
         study.load(path)
-
-
-@pytest.mark.parametrize("method", ["lhs", "sobol"])
-@pytest.mark.parametrize("count", [62, 70, 200])
-def test_noise_has_no_shares_of_as_many_inputs_as_samples(method: str, count: int) -> None:
-    sampling, noise = Sampling(method, 64, 0), np.random.default_rng(1)
-    names = [str(n) for n in range(count)]
-    text = sensitivity.indices(sampling, names, sampling.cube(count), "f", noise.normal(size=64))
-    assert text == f"64 complete samples are too few; at least {count + 21} are needed"
 
 
 def test_indices_leave_out_what_failed_and_say_when_none_remain() -> None:

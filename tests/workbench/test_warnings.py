@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 import re
 from dataclasses import replace
@@ -12,16 +11,14 @@ from typing import Any
 
 import pytest
 
-from cosim import SimulationError, System, certify, quiet, run, run_isolated, write_ssp
+from cosim import SimulationError, certify, run, run_isolated, write_ssp
 from cosim.cli.main import main
-from cosim.engine.energy import balance, bond_warnings
 from tests.cosim.foreign import pack, single_fmu_system
 from tests.cosim.test_cosim import WIRES
 from tests.cosim.test_library import drive
 from tests.linear_systems import SPRING_AND_MASS, couple
 
 PERIOD = 2 * math.pi / 5
-LIFTS = {"iron.tau": 0.0, "iron.w_cam": 20.0, "iron.on_invalid": "warn"}
 COARSE: dict[str, Any] = {"algorithm": "jacobi", "step": 2e-3, "stop": 0.5}
 
 
@@ -40,24 +37,6 @@ def test_energy_that_the_coupling_created_is_warned_of(fmus: Path) -> None:
     for algorithm, step in (("jacobi", 2e-4), ("gauss-seidel", 2e-3), ("strang", 2e-3)):
         settings = COARSE | {"algorithm": algorithm, "step": step}
         assert run(replace(system, start={}), **settings).warnings == []
-
-
-@pytest.mark.parametrize(
-    ("delivered", "received", "verb"),
-    [
-        (5.0, 4.0, "removed"),
-        (4.0, 5.0, "created"),
-        (-5.0, -4.0, "created"),
-        (-4.0, -5.0, "removed"),
-    ],
-)
-def test_a_warning_says_whether_the_coupling_created_or_removed_energy(
-    delivered: float, received: float, verb: str
-) -> None:
-    assert list(bond_warnings({"a.u * b.y": balance(delivered, received, 5.0)})) == [
-        f"bond a.u * b.y: the coupling {verb} 1 J, 20% of the 5 J carried: use smaller steps or "
-        "another algorithm; see diagnose"
-    ]
 
 
 @pytest.mark.parametrize(("algorithm", "warned"), [("jacobi", 1), ("gauss-seidel", 0)])
@@ -81,18 +60,6 @@ def test_wires_that_do_not_keep_a_power_are_no_bond(fmus: Path) -> None:
     assert len(run(replace(system, wires=geared), stop=0.01, step=1e-4).energy) == 1
 
 
-def test_a_result_says_each_warning_once_with_the_name_of_its_part_once(
-    fmus: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    iron = System({"iron": fmus / "native" / "IronDrive.fmu"}, start=LIFTS)
-    result = run(iron, stop=0.2, step=1e-3)
-    assert result.warnings
-    for warning in result.warnings:
-        assert warning.startswith("iron: ")
-        assert "iron: iron" not in warning
-    assert [record.getMessage() for record in caplog.records] == result.warnings
-
-
 def test_every_kind_of_run_carries_the_warnings(fmus: Path, tmp_path: Path) -> None:
     system = replace(drive(fmus / "native"), start={})
     warnings = run(system, **COARSE).warnings
@@ -109,18 +76,6 @@ def test_a_run_that_fails_and_a_process_that_dies_keep_their_warnings(tmp_path: 
         with pytest.raises(SimulationError) as caught:
             runner(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")
         assert caught.value.result.warnings == ["A: t = 0.2 s in A"]
-
-
-def test_probing_runs_may_be_quiet(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    system = single_fmu_system(pack(tmp_path / "A.fmu", warn_at=0.2))
-    with quiet():
-        assert run(system, stop=1.0, step=0.1).warnings == ["A: t = 0.2 s in A"]
-        isolated = run_isolated(system, stop=1.0, step=0.1, csv=tmp_path / "a.csv")
-        assert isolated.warnings == ["A: t = 0.2 s in A"]
-    assert caplog.records == []
-    assert logging.getLogger("cosim").level == logging.NOTSET
-    run(system, stop=1.0, step=0.1)
-    assert len(caplog.records) == 1
 
 
 @pytest.mark.parametrize("more", [[], ["--certify"]])
