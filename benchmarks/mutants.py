@@ -112,7 +112,7 @@ MUTANTS = (
            "cosim/engine/loop.c", "*cells = op->factor * *source + op->offset;", "*cells = op->factor * *source;",
            LOOP),
     Mutant("loop.c: the row of a step has the time of its beginning",
-           "cosim/engine/loop.c", "*rows++ = start + (double)n * h;", "*rows++ = start + (double)(n - 1) * h;", LOOP),
+           "cosim/engine/loop.c", "? start + (double)n * h : stop;", "? start + (double)(n - 1) * h : stop;", LOOP),
     Mutant("loop.c: the energy of a bond is the rectangle instead of the trapezoid",
            "cosim/engine/loop.c", "size * 0.5 * (before + *source * *op->last)", "size * (before)", LOOP),
     Mutant("ops.py: the derivative of cos has the wrong sign",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import time as clock
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
+from multiprocessing import RawValue
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pickle import PicklingError
@@ -22,7 +24,7 @@ from .errors import SetupError
 from .fmu.messages import log
 from .series import TIME, Column
 from .system import System, connect
-from .worker import CLOSING, NOBODY, Batch, Chunk, Desk, Evaluate, Worker
+from .worker import CLOSING, NOBODY, Batch, Chunk, Evaluate, Worker
 
 #: Longest wait for a message before signals and time limits are looked at [s].
 PATIENCE = 0.05
@@ -46,7 +48,7 @@ class Job:
 
     process: BaseProcess
     pipe: Connection
-    desk: Desk
+    member: Any
     chunk: Chunk
     columns: tuple[Column, ...]
     stack: ExitStack
@@ -59,7 +61,7 @@ class Job:
     def give(self, chunk: Chunk) -> None:
         """Let the process work on a chunk."""
         self.chunk, self.done, self.heard = chunk, 0, clock.monotonic()
-        self.desk.place.member = NOBODY
+        self.member.value = NOBODY
         with suppress(OSError):
             self.pipe.send(chunk)
 
@@ -95,7 +97,7 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
                     finished += len(block)
                     yield replace(block, cases=batch.cases)
                 silent = clock.monotonic() - job.heard if job.is_ready else 0.0
-                is_closing = job.desk.place.member == CLOSING
+                is_closing = job.member.value == CLOSING
                 limit = min(batch.timeout, GRACE) if is_closing else batch.timeout
                 if silent > limit and not job.death:
                     job.death = f"did not respond for {limit:g} s and was ended"
@@ -143,14 +145,13 @@ def _failed_members(
 
     Where it ran none, all wait again, one by one, and one that was alone has failed if it was the first of its process.
     """
-    numbers, member = job.chunk.numbers, job.desk.place.member
-    number = int(job.desk.numbers[member]) if 0 <= member < len(job.desk.numbers) else NOBODY
+    numbers, number = job.chunk.numbers, job.member.value
     if number in numbers:
         rests = [np.flatnonzero(numbers < number), np.flatnonzero(numbers > number)]
     elif job.given or len(numbers) > 1:
         number, rests = NOBODY, [np.array([k]) for k in range(len(numbers))]
         told.add(
-            f"a process that ran the parts {reason} {CLOSED if member == CLOSING else BETWEEN}"
+            f"a process that ran the parts {reason} {CLOSED if job.member.value == CLOSING else BETWEEN}"
         )
     else:
         number, rests = int(numbers[0]), []
@@ -164,11 +165,11 @@ def _failed_members(
 
 def _start(batch: Batch) -> Job:
     """A new process that works on the next chunk."""
-    stack, desk = ExitStack(), Desk.shared()
+    stack, member = ExitStack(), RawValue(ctypes.c_longlong, NOBODY)
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
         task = Task(batch.evaluate, columns)
-        arguments = (_serve, desk, batch.network.system, batch.settings, task)
+        arguments = (_serve, member, batch.network.system, batch.settings, task)
         process, pipe = stack.enter_context(child(*arguments, grace_seconds=GRACE))
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
@@ -177,7 +178,7 @@ def _start(batch: Batch) -> Job:
         ) from error
     recorded = (TIME, *(port.column for port in batch.settings.ports(batch.network)))
     chunk = batch.waiting.pop(0)
-    job = Job(process, pipe, desk, chunk, recorded, stack)
+    job = Job(process, pipe, member, chunk, recorded, stack)
     job.give(chunk)
     return job
 
@@ -196,7 +197,9 @@ def _end(job: Job) -> None:
     job.stack.close()
 
 
-def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, task: Task) -> None:
+def _serve(
+    pipe: Connection, member: Any, system: System, settings: RunSettings, task: Task
+) -> None:
     """Run chunks in the child and tell the parent of the progress and the end of each."""
     log.setLevel(logging.ERROR)
     progress = progress_sender(pipe)
@@ -204,7 +207,7 @@ def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, 
         try:
             network = connect(system)
             cases = Cases.of(task.columns, network)
-            worker = Worker(network, settings, desk)
+            worker = Worker(network, settings, member)
             pipe.send(("ready", None))
             while (chunk := pipe.recv()) is not None:
                 block = task.evaluate(worker, cases, chunk, progress)
@@ -217,5 +220,5 @@ def _serve(pipe: Connection, desk: Desk, system: System, settings: RunSettings, 
         except (BrokenPipeError, ConnectionResetError):
             raise
         except OSError as error:  # no room, no open files: what the runs before have left of them
-            desk.place.member = NOBODY
+            member.value = NOBODY
             pipe.send(("dead", f"could not go on: {error}"))

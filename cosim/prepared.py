@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .engine.control import Adaptive
-from .engine.members import StepAndStop
 from .engine.process_guard import ProcessGuard
 from .engine.row_file import RowFile
-from .engine.settings import RunSettings
+from .engine.settings import RunSettings, StepAndStop
 from .engine.snapshot import LiveState, Stretch, SystemState
+from .engine.system_instance import SystemInstance, is_reset_trusted
 from .ensemble import Case, Cases, Ensemble, Numbers, joined
 from .errors import FmuError, SetupError, pluralize
 from .fmu.messages import quiet
@@ -30,7 +30,7 @@ from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
 from .threads import available_cores, in_order, in_threads
-from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, is_reset_trusted, with_case
+from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, with_case
 
 NO_CASE = Case()
 #: Memory for the rows of a chunk of members [bytes]. Chosen: what a chunk costs besides its members is a thousandth.
@@ -88,6 +88,8 @@ class Prepared:
     def __init__(self, network: Network, settings: RunSettings, stack: ExitStack) -> None:
         self.network, self.settings = network, settings
         self._stack, self._workers = stack, list[Worker]()
+        self._instance = SystemInstance(network, settings)
+        stack.callback(self._instance.close)
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
@@ -119,9 +121,9 @@ class Prepared:
         progress: Callable[[float], None] | None = None,
         all_rows: Path | None = None,
     ) -> Result:
-        """Run once with new instances, with the start values of a case over those of the system, or from its state on.
+        """Run once, with the start values of a case over those of the system, or from its state on.
 
-        With the same settings, a run that begins with a state has the rows, bit for bit, that the run which
+        Instances of FMUs that are known to keep nothing over a reset begin again; of others, each run has new ones. With the same settings, a run that begins with a state has the rows, bit for bit, that the run which
         handed it out would have had. Steps are counted from the `start` of the settings, of which
         one must end where the state is. Parameters and exceptions are those of `cosim.run`.
         """
@@ -160,15 +162,18 @@ class Prepared:
         if until is not None:
             begin = self.settings.start if case.begin is None else case.begin.time
             require_pause(network, self.settings, begin, until)
-        began = clock.perf_counter()
-        with ProcessGuard() as process, collect_interrupts() as interrupts, ExitStack() as stack:
+        began, instance = clock.perf_counter(), self._instance
+        with collect_interrupts() as interrupts, ExitStack() as stack:
+            instance.process = ProcessGuard()
+            stack.callback(instance.rest)
             file = None if all_rows is None else RowFile(all_rows)
             if file is not None:
                 stack.callback(file.close)
             stretch = Stretch(case.begin, math.inf if until is None else until, file)
-            simulation = Simulation(network, self.settings, stack, process, stretch=stretch)
             path = None if csv is None else Path(csv).absolute()
-            result = simulation.run(interrupts, began, csv=path, progress=progress)
+            instance.begin(network, self.settings, case.begin)
+            simulation = Simulation(instance, began, csv=path, stretch=stretch)
+            result = simulation.run(interrupts, progress)
             ran = result.provenance
             if ran["status"] == "complete" and simulation.driver.is_paused:
                 try:
@@ -176,7 +181,7 @@ class Prepared:
                 except FmuError as error:
                     raise SimulationError(str(error), result) from error
                 if any(isinstance(part.fmu, LiveState) for part in state.parts.values()):
-                    self._stack.push(stack.pop_all())
+                    self._stack.push(instance.detach())
         if ran["status"] == "complete":
             return result, state
         stopped = (
@@ -186,9 +191,11 @@ class Prepared:
         raise (SimulationError if ran["status"] == "failed" else Interrupted)(stopped, result)
 
     def try_begin(self) -> None:
-        """Bring new instances to the start, and end them there; raises SetupError."""
-        with ProcessGuard() as process, ExitStack() as stack:
-            Simulation(self.network, self.settings, stack, process)
+        """Bring instances to the start; raises SetupError."""
+        try:
+            self._instance.begin(self.network, self.settings)
+        finally:
+            self._instance.close()
 
     def map(
         self,
@@ -201,8 +208,7 @@ class Prepared:
     ) -> Ensemble:
         """Run a member for each case; the rows are those of single runs, bit for bit.
 
-        Instances of FMUs that are known to keep nothing are reset from member to member, if the first one shows that
-        this gives the same bits; all others are made anew. A member
+        Instances of FMUs that are known to keep nothing are reset from member to member; all others are made anew. A member
         that fails has its rows and the reason. What FMUs warn of is in the ensemble, not logged.
 
         Parameters

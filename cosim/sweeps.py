@@ -15,9 +15,8 @@ import numpy as np
 
 from .accuracy.certify import certify
 from .engine.control import Adaptive, Mesh
-from .engine.members import StepAndStop
 from .engine.row_file import RowFile
-from .engine.settings import RunSettings
+from .engine.settings import RunSettings, StepAndStop
 from .ensemble import Array, Cases, Ensemble
 from .journal import digest, open_journal
 from .metrics import Metric

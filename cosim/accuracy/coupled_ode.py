@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.changes import discrete_changes
-from ..engine.driver import RowReader
-from ..engine.initialise import prepare
+from ..engine.initialise import WiredParts
 from ..engine.newton import SINGULAR_EXACT, condition, solve_fixed_point
 from ..engine.part import WiredPart
+from ..engine.row import RowReader
 from ..engine.settings import RunSettings
 from ..errors import FmuError, SetupError
 from ..fmu.blocks import VariableBlock
@@ -88,8 +88,9 @@ class CoupledOde:
         with ExitStack() as stack:
             sequence = stepping_order(network, None)
             settings = RunSettings(stop, math.inf, start)
-            parts, _ = prepare(network, settings, sequence, stack, ModelExchange)
-            yield cls(network, {name: parts[name] for name in network.system.parts}, start, stop)
+            wired = WiredParts(network, stack, ModelExchange)
+            wired.begin(network, settings, sequence)
+            yield cls(network, wired.parts, start, stop)
 
     @property
     def x(self) -> Array:

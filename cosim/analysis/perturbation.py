@@ -18,15 +18,13 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.changes import discrete_changes
 from ..engine.control import Adaptive
-from ..engine.driver import Driver, RowReader
-from ..engine.initialise import initialise
-from ..engine.links import Link
+from ..engine.driver import Driver
 from ..engine.recorder import Recorder
 from ..engine.settings import RunSettings
 from ..engine.snapshot import Snapshot
 from ..engine.sources import InputSource
+from ..engine.system_instance import SystemInstance
 from ..errors import FmuError, SetupError
 from ..system import STATE, Network, parts_without
 
@@ -161,18 +159,25 @@ class _Runner:
         self.count = self.times * gap + self.memory + count
         self.settled_steps = round(experiment.settle / h)
         self._saves = not parts_without(network.descriptions, STATE)
+        settings = replace(
+            experiment.settings,
+            stop=experiment.settings.start + (self.settled_steps + self.count) * h,
+            order=experiment.sequence,
+            record=[port.name for port in (*self.real, *self.discrete)],
+        )
+        self._instance = SystemInstance(network, settings)
+        stack.callback(self._instance.close)
         if self._saves:
-            self._settle(stack)
-            self._snapshot = Snapshot(self.parts)
+            self._settle()
+            self._snapshot = Snapshot(self._instance.stepped)
             self._snapshot.take()
 
     def run(self, first: int, count: int, offsets: Mapping[int, float]) -> _Rows:
         """Run with offsets on the links of these indices, from step `first` for `count` steps."""
-        if not self._saves:
-            with ExitStack() as stack:
-                self._settle(stack)
-                return self._run(first, count, offsets)
-        self._snapshot.restore()
+        if self._saves:
+            self._snapshot.restore()
+        else:
+            self._settle()
         return self._run(first, count, offsets)
 
     def sizes(self, unperturbed: _Rows) -> dict[int, float]:
@@ -184,7 +189,7 @@ class _Runner:
             sizes[port.name] = nominal or peak or 1.0
         return {
             i: abs(link.factor) * sizes[link.source.name]
-            for i, link in enumerate(self._links())
+            for i, link in enumerate(self._instance.links())
             if link.real and not isinstance(link.signal, InputSource) and link.source.name in sizes
         }
 
@@ -203,18 +208,14 @@ class _Runner:
         else:
             return ""
         t = self.experiment.settings.start + (self.settled_steps + row) * self.h
-        links = self._links()
+        links = self._instance.links()
         targets = sorted({links[i].target.name for i in offsets})
         perturbed = targets[0] if len(targets) == 1 else f"all of {', '.join(targets)}"
         return f"a perturbation of {perturbed} changes the sequence of events at t = {t:.6g} s: {effect}"
 
-    def _settle(self, stack: ExitStack) -> None:
+    def _settle(self) -> None:
         """Bring the parts to the time of the first perturbation."""
-        experiment = self.experiment
-        stop = experiment.settings.start + (self.settled_steps + self.count) * self.h
-        settings = replace(experiment.settings, stop=stop)
-        self.by_name = initialise(experiment.network, settings, experiment.sequence, stack)
-        self.parts = [self.by_name[name] for name in experiment.sequence]
+        self._instance.begin(self._instance.network, self._instance.settings)
         if self.settled_steps:
             self._go(-self.settled_steps, 0)
 
@@ -222,7 +223,7 @@ class _Runner:
         pieces = [self._go(0, first)] if first else []
         complete = True
         if count:
-            with _offset(self._links(), offsets):
+            with _offset(self._instance, offsets):
                 pieces.append(self._go(first, first + count))
             complete = len(pieces[-1].real) == count + 1
         if complete:
@@ -240,12 +241,8 @@ class _Runner:
             self.experiment.settings,
             start=origin + first * self.h, stop=origin + last * self.h, step=self.h,
         )  # fmt: skip
-        ports = [*self.real, *self.discrete]
-        recorder = Recorder([port.column for port in ports])
-        changes = discrete_changes(
-            self.experiment.network, self.by_name, settings.start, settings.stop
-        )
-        driver = Driver(self.parts, settings, RowReader(self.parts, ports), recorder, changes)
+        recorder = Recorder(self._instance.row.recorded)
+        driver = Driver(self._instance, settings, recorder)
         divided: list[int] = []
         with suppress(FmuError) if first >= 0 else ExitStack():
             for _ in driver.steps():
@@ -257,21 +254,21 @@ class _Runner:
         split = len(self.real)
         return _Rows(rows[:, :split], rows[:, split:], divided)
 
-    def _links(self) -> list[Link]:
-        return [link for part in self.parts for link in part.links]
-
 
 @contextmanager
-def _offset(links: Sequence[Link], offsets: Mapping[int, float]) -> Iterator[None]:
+def _offset(instance: SystemInstance, offsets: Mapping[int, float]) -> Iterator[None]:
     """Add offsets to the links of these indices."""
+    links = instance.links()
     saved = [link.offset for link in links]
     for i, offset in offsets.items():
         links[i].offset += offset
+    instance.forget_loop()
     try:
         yield
     finally:
         for link, value in zip(links, saved):
             link.offset = value
+        instance.forget_loop()
 
 
 def _directions(sizes: Mapping[int, float]) -> Iterator[dict[int, float]]:

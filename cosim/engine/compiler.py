@@ -1,4 +1,4 @@
-"""Compile the loops of steps and of members for a platform; the standard library and ziglang only."""
+"""Compile the loop of steps for a platform; the standard library and ziglang only."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ import tempfile
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("loop.c")
-#: What is compiled; it includes `SOURCE`.
-MEMBERS = SOURCE.with_name("members.c")
 TARGETS = {
     ("linux", "x86_64"): "x86_64-linux-gnu.2.17",
     ("linux", "aarch64"): "aarch64-linux-gnu.2.17",
@@ -38,7 +36,7 @@ def file_name(system: str, machine: str) -> str:
 
 def loop_of_sources() -> Path:
     """Where the loop of these sources is kept for this machine, once it is compiled."""
-    text = f"{SOURCE.read_text()}{MEMBERS.read_text()}{OPTIONS}"
+    text = f"{SOURCE.read_text()}{OPTIONS}"
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     name = file_name(sys.platform, platform.machine())
     return SOURCE.parent / "__pycache__" / f"{digest}-{name}"
@@ -53,7 +51,7 @@ def compile_loop(path: Path, target: str = "native") -> None:
         windows = "windows" in target or (target == "native" and sys.platform == "win32")
         compiled = Path(folder) / "loop.obj"
         for options in (
-            ["-c", "-o", str(compiled), str(MEMBERS)],
+            ["-c", "-o", str(compiled), str(SOURCE)],
             [
                 *(WINDOWS_LINK_OPTIONS if windows else LINK_OPTIONS),
                 *("-o", str(library), str(compiled)),

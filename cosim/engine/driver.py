@@ -12,13 +12,16 @@ from typing import Any
 import numpy as np
 
 from ..errors import EventReached, FmuError, StepDiscarded
-from ..fmu.buffers import Slot
 from ..fmu.times import coincide, is_reached
-from ..series import Column, Kind
-from ..system import STATE, VARIABLE_STEP, Port, parts_without
-from ..system.description import Variable
 from .algorithms import find_algorithm
-from .changes import Jump, TimedChange, known_jumps, source_jumps, value_before, with_jumps
+from .changes import (
+    Jump,
+    discrete_changes,
+    known_jumps,
+    source_jumps,
+    value_before,
+    with_jumps,
+)
 from .control import (
     Adaptive,
     Controller,
@@ -28,14 +31,14 @@ from .control import (
     step_ends_by_energy,
 )
 from .iteration import Iteration
-from .loop import Loop, lay_out
-from .moments import EventDueError, Moments, event_watches
-from .part import I, Part, WiredPart
+from .loop import Loop, Steps
+from .moments import EventDueError, Moments
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .response import values_after_jump, values_after_probing_steps, values_of_wired_outputs
-from .schedule import Advance, TimedOperation, coupling_context, explicit, schedule
+from .schedule import Advance, explicit
 from .settings import RunSettings
 from .snapshot import WHOLE, Snapshot, StepMemory, Stretch
+from .system_instance import SystemInstance
 
 #: Steps between two saved states. A convention: taken again, they cost less than a saved state in each step.
 CHECKPOINT = 1000
@@ -52,37 +55,6 @@ PATIENCE = 0.05
 MOST_ROWS = 1 << 12
 #: The share of a run that is done.
 ShareDone = float
-
-
-class RowReader:
-    """Reads the recorded variables, those that are wired from the wires' buffers."""
-
-    def __init__(self, parts: Sequence[WiredPart[I]], ports: Sequence[Port]) -> None:
-        slots: dict[str, Slot] = {}
-        for block in (block for part in parts for block in part.outputs):
-            slots |= block.slots()
-        unread: dict[str, dict[str, Variable]] = {part.name: {} for part in parts}
-        self.recorded: list[Column] = [port.column for port in ports]
-        self.names = [column.name for column in self.recorded]
-        for port in ports:
-            if port.name not in slots:
-                unread[port.part][port.name] = port.variable
-        self.extra = [
-            b for p in parts for b in p.instance.session.blocks("Get", [*unread[p.name].values()])
-        ]
-        for block in self.extra:
-            slots |= block.slots()
-        self.columns = [slots[port.name] for port in ports]
-        self._cells = [(slot.cells, slot.element) for slot in self.columns]
-        held = [k for k, column in enumerate(self.recorded) if column.kind is not Kind.CONTINUOUS]
-        self.discrete = [k + 1 for k in held]
-        self.held = {self.names[k]: ports[k].part for k in held}
-
-    def __call__(self, t: float) -> list[float]:
-        """The time and the values of the columns; raises FmuError."""
-        for block in self.extra:
-            block(t)
-        return [t, *(cells[i] for cells, i in self._cells)]
 
 
 class KnownSteps:
@@ -102,6 +74,13 @@ class KnownSteps:
             self.stretches = [EqualSteps(plan.start, plan.step, plan.number())]
         numbers = [0, *accumulate(steps.number for steps in self.stretches)]
         self.firsts, self.count = numbers[:-1], numbers[-1]
+
+    def stretch_of(self, n: int) -> tuple[int, Steps]:
+        """The first step of the stretch that step number n is in, and that stretch for loop.c."""
+        k = bisect_right(self.firsts, n) - 1
+        begin, size, number = self.stretches[k]
+        is_last = k == len(self.stretches) - 1
+        return self.firsts[k], Steps(begin, size, number if is_last else 0, self.stop)
 
     def begin_of(self, n: int) -> float:
         """When step number n begins [s]."""
@@ -153,17 +132,16 @@ class Driver:
 
     def __init__(
         self,
-        parts: Sequence[Part],
+        instance: SystemInstance,
         plan: RunSettings,
-        row: RowReader,
         recorder: Recorder,
-        changes: Sequence[TimedChange],
         *,
         stretch: Stretch = WHOLE,
     ) -> None:
-        self.parts, self.plan, self.row, self.recorder = parts, plan, row, recorder
+        """The instance is where the stretch begins."""
+        self.instance, self.parts, self.row = instance, instance.stepped, instance.row
+        self.plan, self.recorder = plan, recorder
         begin, self._until, self._all_rows = stretch
-        algorithm = find_algorithm(plan.algorithm)
         self.t, self._begin = plan.start, begin
         self.accepted = self.discarded = 0
         if begin is not None:
@@ -173,74 +151,66 @@ class Driver:
                 self.t = plan.start + self.accepted * plan.step
         self._first = self.accepted
         self.controller: Controller | None = None
-        by_name = {part.name: part for part in parts}
-        steps = None if algorithm.is_implicit else schedule(algorithm.stages([*by_name]), by_name)
-        self._advance: Advance = Iteration(algorithm, parts) if steps is None else explicit(steps)
-        sources = [feed for part in parts for feed in part.feeds]
         self.breaks: list[tuple[float, float]] = []
-        if begin is None:
-            self._jumps = known_jumps(changes, source_jumps(sources, plan.start, plan.stop))
-        else:
-            times = source_jumps(sources, begin.start, plan.stop)
-            times += [
-                self.t
-                for each in sources
-                if value_before(each.profile, begin.time) != begin.inputs_before[each.name]
-            ]
-            jumps = known_jumps(changes, times)
-            self._jumps = [jump for jump in jumps if is_reached(self.t, jump.time)]
-            if begin.broken_until > self.t:
-                self.breaks.append((self.t, begin.broken_until))
+        self._jumps = self._known_jumps()
+        if begin is not None and begin.broken_until > self.t:
+            self.breaks.append((self.t, begin.broken_until))
         self.is_paused, self.broken_until = False, self.t
-        self._plain_advance = self._advance
-        descriptions = {part.name: part.description for part in parts}
-        fixed = parts_without(descriptions, VARIABLE_STEP)
-        self._moments = Moments(parts, fixed)
-        self._advance = self._moments.met(self._advance, self._jumps_at)
+        self._plain_advance: Advance = (
+            Iteration(find_algorithm(plan.algorithm), self.parts)
+            if instance.steps is None
+            else explicit(instance.steps)
+        )
+        self._moments = Moments(self.parts, instance.fixed)
+        self._advance = self._moments.met(self._plain_advance, self._jumps_at)
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
         self._add: Callable[[Sequence[float]], None] = recorder.add
         # times of the last rows, of the result and of the file of all, and of the last jump
         self._shown = self._kept = self._jumped = math.nan
         self._unanswered: float | None = None  # where a break has begun
-        context = coupling_context(parts, plan.input_order)
-        self._order, behind = (
-            algorithm.convergence_order(context),
-            algorithm.first_order_outputs(context),
-        )
-        self._instant = {each.output for each in context.feedthroughs if each.is_wired}
-        self._first_order = [name for name in recorder.names if name in behind]
-        self._every = every = plan.steps_per_row(row.recorded)
+        self._every = plan.steps_per_row(self.row.recorded)
         self._known = KnownSteps(plan, self._jumps)
         self._checkpoint: tuple[int, Snapshot] | None = None
         self.compiled_loop: Loop | None = None
         self.control = "fixed"
         self.loop = "Python"
-        without_state = parts_without(descriptions, STATE)
-        unable = without_state or fixed
-        self._can_probe = not unable
         if isinstance(plan.step, Adaptive):
-            self.control = plan.step.control or ("energy" if without_state else "doubling")
-        if self._known.count and not unable:
-            self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(parts))
+            self.control = plan.step.control or ("energy" if instance.stateless else "doubling")
+        self._can_probe = not (instance.stateless or instance.fixed)
+        if self._known.count and self._can_probe:
+            self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(self.parts))
         self._moments.refuses = self.control == "doubling"
-        forward = steps is not None and self.control != "doubling"
+        forward = instance.steps is not None and self.control != "doubling"
         back = self._checkpoint is not None or self.control == "doubling"
-        for part in parts:
+        for part in self.parts:
             part.instance.go_forward_only(forward=forward)
             part.instance.refuse_steps_across_events(
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
-        if not self._known.count or steps is None or every is None:
+        if not self._known.count or self._every is None:
             return
-        watches = [TimedOperation(watch, 0.0, 1.0) for watch in event_watches(parts)]
-        program = lay_out([*watches, *steps], row.extra)
-        if program is None:
-            return
-        try:
-            self.compiled_loop = Loop(program, row.columns, every if self._all_rows is None else 1)
-            self.loop = "compiled"
-        except OSError as error:
-            self.loop = f"Python, since the compiled loop is missing: {error}"
+        loop = instance.loop()
+        if isinstance(loop, OSError):
+            self.loop = f"Python, since the compiled loop is missing: {loop}"
+        elif loop is not None:
+            self.compiled_loop, self.loop = loop, "compiled"
+
+    def _known_jumps(self) -> list[Jump]:
+        """What is known before to happen at once on the way."""
+        plan, begin, instance = self.plan, self._begin, self.instance
+        since = plan.start if begin is None else begin.start
+        changes = discrete_changes(instance.network, instance.parts, since, plan.stop)
+        sources = [feed for part in self.parts for feed in part.feeds]
+        times = source_jumps(sources, since, plan.stop)
+        if begin is None:
+            return known_jumps(changes, times)
+        times += [
+            self.t
+            for each in sources
+            if value_before(each.profile, begin.time) != begin.inputs_before[each.name]
+        ]
+        jumps = known_jumps(changes, times)
+        return [jump for jump in jumps if is_reached(self.t, jump.time)]
 
     def steps(self) -> Iterator[ShareDone]:
         """Take the steps; the share of the run that is done after each or a few of them."""
@@ -352,11 +322,13 @@ class Driver:
 
     def _thinned(self, rows: Sequence[float], first_step: int, every: int) -> Sequence[float]:
         """Of rows after steps number `first_step`, `first_step` + 1, ..., those that the result has."""
-        if self._all_rows is None:
+        if self._all_rows is None or not len(rows):
             return rows
-        width = len(self.recorder.names)
-        skipped = -first_step % every
-        due: list[float] = np.reshape(rows, (-1, width))[skipped::every].ravel().tolist()
+        each = np.reshape(rows, (-1, len(self.recorder.names)))
+        numbers = np.arange(first_step, first_step + len(each))
+        due: list[float] = (
+            each[(numbers % every == 0) | (numbers == self._known.count)].ravel().tolist()
+        )
         return due
 
     def _intermediate_values(self) -> list[IntermediateValues]:
@@ -372,8 +344,9 @@ class Driver:
         start, stop = self.plan.start, self.plan.stop
         times = [start, *(jump.time for jump in self._jumps), stop]
         self.controller = Controller(
-            self.control, self._order, settings, times, self._instant, next_event=self._moments.next
-        )
+            self.control, self.instance.order, settings, times, self.instance.instant,
+            next_event=self._moments.next,
+        )  # fmt: skip
         if self._begin is not None:
             self.controller.resume(self.t, self._begin.memory)
         method = step_ends_by_doubling if self.control == "doubling" else step_ends_by_energy
@@ -388,8 +361,7 @@ class Driver:
 
     def _fixed(self) -> Iterator[ShareDone]:
         stop, count, known = self.plan.stop, self._known.count, self._known
-        every = self._every or 1
-        chunk = 16
+        every, instance = self._every or 1, self.instance
         split = sorted({*known.interrupted(), *known.firsts[1:], count})
         self.breaks += known.breaks()
         goal = count if self._until >= stop else self._goal()
@@ -403,26 +375,28 @@ class Driver:
                     self._checkpoint = (n, snapshot)
             last = n
             if self.compiled_loop is not None and not has_event:
-                last = min(n + chunk, count - 1, goal, split[bisect_left(split, n)])
+                last = min(n + instance.chunk, goal, split[bisect_left(split, n)])
             has_event = False
             if self.compiled_loop is not None and n < last:
                 began = clock.perf_counter()
-                k = bisect_right(known.firsts, n) - 1
-                first, (begin, step, _) = known.firsts[k], known.stretches[k]
-                rows, done, failure = self.compiled_loop.run(begin, step, n - first, last - first)
+                first, steps = known.stretch_of(n)
+                row_every = every if self._all_rows is None else 1
+                rows, done, failure = self.compiled_loop.run(
+                    steps, n - first, last - first, row_every
+                )
                 self.accepted = first + done
                 self._add_to_all_rows(rows)
                 due = self._thinned(rows, n + 1, every)
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
-                self.t = known.begin_of(self.accepted)
+                self.t = stop if self.accepted == count else known.begin_of(self.accepted)
                 has_event = isinstance(failure, EventDueError)
                 if failure is not None and not has_event:
                     self._redo_from_checkpoint(failure)
-                elif clock.perf_counter() - began < PATIENCE:
-                    chunk = min(2 * chunk, MOST_ROWS * every)
-                else:
-                    chunk = max(chunk // 2, 1)
+                elif clock.perf_counter() - began > PATIENCE:
+                    instance.chunk = max(instance.chunk // 2, 1)
+                elif done == last - first:
+                    instance.chunk = min(2 * instance.chunk, MOST_ROWS * every)
             else:
                 is_last = n == count - 1
                 step = known.size_of(n)
@@ -519,8 +493,8 @@ class Driver:
         """
         return {
             "control": self.control,
-            "convergence_order": self._order,
-            "first_order": self._first_order,
+            "convergence_order": self.instance.order,
+            "first_order": [n for n in self.recorder.names if n in self.instance.first_order],
             "steps": self.accepted - self._first,
             "rejected": self.controller.rejected if self.controller else 0,
             "discarded": self.discarded,

@@ -61,8 +61,8 @@ class BondSide(Operation):
         return self.totals[ENERGY]
 
     def begin_with_present_output(self) -> None:
-        """Let the first step begin with it."""
-        self.totals[BEFORE] = self.output.value
+        """Let the first step of a run begin with it."""
+        self.totals[:] = [0.0, 0.0, self.output.value]
 
     def __call__(self, t: float, h: float) -> None:
         """Add the work of a step of size h [s] that ends with the present output."""
@@ -151,13 +151,10 @@ def balance(given: float, taken: float, exchanged: float) -> Balance:
     return {"given": given, "taken": taken, "residual": given - taken, "exchanged": exchanged}
 
 
-def energy_balance(sides: Iterable[BondSide]) -> dict[str, Balance]:
-    """The energy of each bond, from both of its sides."""
-    balances = {}
-    for bond, (first, second) in by_bond(sides).items():
-        exchanged = max(first.totals[EXCHANGED], second.totals[EXCHANGED])
-        balances[bond] = balance(first.energy, second.energy, exchanged)
-    return balances
+def energies(sides: Sequence[BondSide]) -> tuple[float, float, float]:
+    """What the two sides of a bond gave and took, and how much went to and fro [J]."""
+    first, second = sides
+    return first.energy, second.energy, max(side.totals[EXCHANGED] for side in sides)
 
 
 def by_bond(sides: Iterable[BondSide]) -> dict[str, list[BondSide]]:

@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from itertools import chain
 from math import isclose, isfinite
 from types import MappingProxyType
+from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FmuError, SetupError
 from ..fmu.buffers import Slot
-from ..fmu.fmi2 import CoSimulation2
-from ..fmu.fmi3 import CoSimulation3
-from ..fmu.instance import CoSimulation, Instance
 from ..fmu.library import Library, borrow
 from ..fmu.session import CO_SIMULATION
+from ..fmu.session2 import Session2
+from ..fmu.session3 import Session3
 from ..series import Kind
 from ..system import Network, Port, Value, declared_start, feedthrough
-from ..system.description import ModelDescription, Variable
+from ..system.description import ModelDescription
 from .changes import continuous_profiles
 from .energy import BondSide, find_bonds, watts_per_product
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
-from .moments import Moments
 from .newton import solve_fixed_point
 from .part import I, Part, WiredPart
 from .settings import RunSettings
-from .snapshot import LiveState, SystemState, require_same_buffers, resume
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
@@ -39,107 +37,153 @@ Vector = NDArray[np.float64]
 START_ROUNDING = 1e-9
 
 
-def open_cosimulation(
-    name: str, description: ModelDescription, fmu: Library, within: Sequence[Variable] = ()
-) -> CoSimulation:
-    """An instance that steps, and shows the variables `within` its steps if it can; raises FmuError."""
-    kind = CoSimulation2 if description.fmiVersion == "2.0" else CoSimulation3
-    return kind(name, description, fmu, within)
+class StartBlocks:
+    """Start values of an instance, set by one call for each type; elements of arrays and Binaries one by one."""
+
+    def __init__(self, session: Session2 | Session3, ports: Sequence[Port]) -> None:
+        self._session = session
+        self._singles = [p for p in ports if len(p.variable.family) > 1 or p.type == "Binary"]
+        self._blocks = session.blocks("Set", [p.variable for p in ports if p not in self._singles])
+
+    def set(self, values: Mapping[str, Value]) -> None:
+        """Set those of these values, by name, that are of this instance; raises FmuError."""
+        for block in self._blocks:
+            for i, name in enumerate(block.names):
+                block.put(i, values[name])
+            block.move()
+        for port in self._singles:
+            self._session.set(port.variable, values[port.name])
 
 
-def initialise(
-    network: Network,
-    settings: RunSettings,
-    sequence: Sequence[str],
-    stack: ExitStack,
-    *,
-    used: Mapping[str, CoSimulation] = MappingProxyType({}),
-    begin: SystemState | None = None,
-) -> dict[str, Part]:
-    """All parts at the start, their coupled start values consistent, or in the state to `begin` with; ready for a step.
+class PartStart:
+    """What an instance is given before it is initialised, and while; it is warned of what does not stay so."""
 
-    Where rows lie between steps, FMUs that can are to show recorded columns within them. Instances that have been `used`
-    and reset are taken, by part; others are made, and the stack closes them. Raises FmuError where an FMU refuses, SetupError where
-    the start values have no solution, and for the state of another system.
+    def __init__(self, session: Session2 | Session3, ports: Sequence[Port]) -> None:
+        self.before = StartBlocks(session, ports)
+        self.inside = StartBlocks(session, [p for p in ports if is_set_while_initialising(p)])
+        self._fixed = [p for p in ports if p.variable.causality != "input" and must_keep_start(p)]
+        self._values = session.reader([port.variable for port in self._fixed])
+        self._messages = session.messages
+
+    def warn_of_others(self, starts: Mapping[str, Value]) -> None:
+        """Warn of what was given a start value and is to keep it, but has another."""
+        now = self._values() if self._fixed else {}
+        for port in self._fixed:
+            value, has = starts[port.name], now[port.variable.name]
+            real = port.type == "Real" and isclose(float(value), float(has), rel_tol=START_ROUNDING)
+            if has != value and not real:
+                self._messages.keep_warning(
+                    f"{port} = {value!r} was given, but the FMU starts with {has!r}"
+                )
+
+
+class WiredParts(Generic[I]):
+    """Instances of the FMUs of a network on their wires, to begin any number of runs; `slots` are those of wired variables.
+
+    The `opener` makes the instances, which the stack closes, unless they are `lent`. Raises FmuError where an FMU refuses.
     """
-    within = settings.ports(network) if settings.steps_per_row() is None else ()
 
-    def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
-        watched = [port.variable for port in within if port.part == name]
-        return open_cosimulation(name, description, fmu, watched)
-
-    if begin is None:
-        parts, slots = prepare(network, settings, sequence, stack, opener, used=used)
-    else:
-        states = {name: part.fmu for name, part in begin.parts.items()}
-        instances = {
-            name: state.instance
-            if isinstance(state, LiveState)
-            else _opened(network, name, stack, opener)
-            for name, state in states.items()
+    def __init__(
+        self,
+        network: Network,
+        stack: ExitStack,
+        opener: Callable[[str, ModelDescription, Library], I],
+        lent: Mapping[str, I] = MappingProxyType({}),
+    ) -> None:
+        self._open = partial(_opened, network, stack=stack, opener=opener)
+        self.instances = {
+            name: lent[name] if name in lent else self._open(name) for name in network.system.parts
         }
-        parts = _with_buffers(network, instances, settings)
-        slots = _connect(network, parts, settings.start)
-    if settings.input_order:
-        _interpolate_inputs(parts, settings.input_order)
-    _add_bond_sides(network, parts, slots)
-    if begin is not None:
-        for name, part in parts.items():
-            require_same_buffers(part, begin.parts[name])
-        for name, part in parts.items():
-            resume(part, begin.parts[name])
-        return parts
-    Moments([parts[name] for name in sequence], ()).happen(settings.start)
-    for part in parts.values():
-        for operation in part.read_operations():
-            operation(settings.start, 0.0)
-        for side in part.bond_sides:
-            side.begin_with_present_output()
-    return parts
+        self._starts: dict[str, PartStart] = {}
+        self._network = network
+        self._values: dict[str, Value] = {}
+        self.parts: dict[str, WiredPart[I]] = {}
+        self.slots: dict[str, Slot] = {}
 
+    def reset(self) -> bool:
+        """Let the instances be as new; whether all could."""
+        try:
+            for instance in self.instances.values():
+                if instance.session.fmu.abandoned:
+                    return False
+                instance.reset()
+        except FmuError:
+            return False
+        return True
 
-def prepare(
-    network: Network,
-    settings: RunSettings,
-    sequence: Sequence[str],
-    stack: ExitStack,
-    opener: Callable[[str, ModelDescription, Library], I],
-    *,
-    used: Mapping[str, I] = MappingProxyType({}),
-) -> tuple[dict[str, WiredPart[I]], dict[str, Slot]]:
-    """All parts wired at the start, out of initialisation mode, and the slots of wired variables by name.
+    def wire(self, network: Network, settings: RunSettings, starts: Mapping[str, Value]) -> None:
+        """Connect the parts, and let their buffers be as new; elements of arrays have these start values, by name."""
+        if not self.parts:
+            self.parts = _with_buffers(network, self.instances, settings.substeps)
+            self.slots = _connect(network, self.parts, settings.start)
+        for part in self.parts.values():
+            part.begin(settings.start, settings.stop)
+            for block, i, v in part.array_inputs:
+                block.put(i, starts.get(block.names[i], declared_start(v)))
 
-    The `opener` makes the parts' instances; the other parameters and exceptions are those of `initialise`.
-    """
-    start = settings.start
-    starts = start_values(network, start)
+    def begin(
+        self,
+        network: Network,
+        settings: RunSettings,
+        sequence: Sequence[str],
+        case: Mapping[str, Value] = MappingProxyType({}),
+    ) -> None:
+        """Bring the parts, new or reset, to the start, out of initialisation mode; start values settle in this sequence.
 
-    instance = partial(_opened, network, stack=stack, opener=opener)
+        Those of the network that a `case` names have other values. Raises FmuError where an FMU refuses, SetupError where the
+        start values have no solution.
+        """
+        if not self._starts or self._network is not network:
+            starts = start_values(network, settings.start)
+            self._network, self._values = network, {name: x for name, (_, x) in starts.items()}
+            self._starts = {name: self._start(name) for name in self.instances}
+        values = {**self._values, **case}
+        for start in self._starts.values():
+            start.before.set(values)
+        for name in self.instances:
+            self._set_up(name, settings, values)
+        for start in self._starts.values():
+            start.inside.set(values)
+        self.wire(network, settings, values)
+        settle([self.parts[name] for name in sequence], settings.start)
+        for instance in self.instances.values():
+            instance.leave_initialisation(waits=True)
+        for start in self._starts.values():
+            start.warn_of_others(values)
 
-    def with_starts(opened: I) -> I:
-        """An instance with its start values."""
-        for port, value in starts.values():
-            if port.part == opened.session.name:
-                opened.set(port.variable, value)
-        return opened
+    def _start(self, name: str) -> PartStart:
+        """How the present instance of a part begins."""
+        ports = [port for port in map(self._network.port, self._values) if port.part == name]
+        return PartStart(self.instances[name].session, ports)
 
-    instances = {
-        name: with_starts(used[name] if name in used else instance(name))
-        for name in network.system.parts
-    }
-    for name, opened in instances.items():
-        again = partial(lambda name: with_starts(instance(name)), name)
-        instances[name] = _set_up(opened, settings, again)
-    for port, value in starts.values():
-        if is_set_while_initialising(port):
-            instances[port.part].set(port.variable, value)
-    parts = _with_buffers(network, instances, settings)
-    slots = _connect(network, parts, start)
-    settle([parts[name] for name in sequence], start)
-    for opened in instances.values():
-        opened.leave_initialisation(waits=True)
-    _warn_of_other_starts(starts.values(), instances)
-    return parts, slots
+    def _set_up(self, name: str, settings: RunSettings, values: Mapping[str, Value]) -> None:
+        """Let a part enter initialisation mode, by another instance if it needs the stop time for that.
+
+        The stop time is handed over if the settings define it. Otherwise it is handed over only to an FMU
+        that refuses to initialise without it, which is then warned of. Raises FmuError.
+        """
+        instance = self.instances[name]
+        session, tolerance = instance.session, settings.tolerance
+        if tolerance is None and session.side == CO_SIMULATION:
+            tolerance = session.description.defaultExperiment.tolerance
+        stop = settings.stop if settings.stop_time_defined or session.is_told_stop else None
+        try:
+            instance.enter_initialisation(tolerance, settings.start, stop)
+        except FmuError as failure:
+            if stop is not None or session.fmu.abandoned:
+                raise
+            with suppress(FmuError):
+                session.close()
+                self.instances[name] = other = self._open(name)
+                self._starts[name], self.parts = self._start(name), {}
+                self._starts[name].before.set(values)
+                other.enter_initialisation(tolerance, settings.start, settings.stop)
+                other.session.is_told_stop = True
+                other.session.messages.keep_warning(
+                    f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
+                )
+                return
+            raise
 
 
 def _opened(
@@ -170,68 +214,16 @@ def is_set_while_initialising(port: Port) -> bool:
     return port.variable.causality == "input" or must_keep_start(port)
 
 
-def _set_up(instance: I, settings: RunSettings, again: Callable[[], I]) -> I:
-    """The instance in initialisation mode; another one from `again` if it needs the stop time for that.
-
-    The stop time is handed over if the settings define it. Otherwise it is handed over only to an FMU
-    that refuses to initialise without it, which is then warned of. Raises FmuError.
-    """
-    session, tolerance = instance.session, settings.tolerance
-    if tolerance is None and session.side == CO_SIMULATION:
-        tolerance = session.description.defaultExperiment.tolerance
-    stop = settings.stop if settings.stop_time_defined or session.is_told_stop else None
-    try:
-        instance.enter_initialisation(tolerance, settings.start, stop)
-    except FmuError as failure:
-        if stop is not None or session.fmu.abandoned:
-            raise
-        with suppress(FmuError):
-            session.close()
-            other = again()
-            other.enter_initialisation(tolerance, settings.start, settings.stop)
-            other.session.is_told_stop = True
-            other.session.messages.keep_warning(
-                f"the FMU does not initialise without a stop time, so it was handed over: {failure}"
-            )
-            return other
-        raise
-    return instance
-
-
 def must_keep_start(port: Port) -> bool:
     """Whether the variable is to keep its start value; some FMUs lose it in SetupExperiment."""
     return bool(port.variable.causality == "parameter" or port.variable.initial == "exact")
 
 
-def _warn_of_other_starts(
-    starts: Iterable[tuple[Port, Value]], instances: Mapping[str, Instance]
-) -> None:
-    """Let the parts warn of what was given a start value and is to keep it, but has another."""
-    by_part: dict[str, list[tuple[Port, Value]]] = {}
-    for port, value in starts:
-        if port.variable.causality != "input" and must_keep_start(port):
-            by_part.setdefault(port.part, []).append((port, value))
-    for name, fixed in by_part.items():
-        instance = instances[name]
-        now = instance.session.values([port.variable for port, _ in fixed])
-        for port, value in fixed:
-            has = now[port.variable.name]
-            real = port.type == "Real" and isclose(float(value), float(has), rel_tol=START_ROUNDING)
-            if has != value and not real:
-                instance.session.messages.keep_warning(
-                    f"{port} = {value!r} was given, but the FMU starts with {has!r}"
-                )
-
-
 def _with_buffers(
-    network: Network, instances: Mapping[str, I], settings: RunSettings
+    network: Network, instances: Mapping[str, I], substeps: Mapping[str, int]
 ) -> dict[str, WiredPart[I]]:
-    """The parts with the buffers of their wired variables, which nothing connects yet.
-
-    Inputs begin at their declared start, those of an array at what they are given.
-    """
+    """The parts with the buffers of their wired variables, which nothing connects yet; inputs begin at their declared start."""
     sources = outputs_read_each_step(network)
-    starts = {port.name: value for port, value in network.start}
     targets: dict[str, list[Port]] = {name: [] for name in instances}
     for entry in dict.fromkeys(wire.target for wire in network.wires):
         targets[entry.part].append(entry)
@@ -244,11 +236,7 @@ def _with_buffers(
         for block in inputs:
             if block.real:
                 block.cells[:] = [float(v.start or 0.0) for v in block.variables]
-            for i, v in enumerate(block.variables):
-                if len(v.family) > 1:
-                    block.put(i, starts.get(block.names[i], declared_start(v)))
-        substeps = settings.substeps.get(name, 1)
-        parts[name] = WiredPart(instance, inputs, outputs, settings.stop, substeps)
+        parts[name] = WiredPart(instance, inputs, outputs, substeps.get(name, 1))
     return parts
 
 
@@ -301,7 +289,7 @@ def _slots(parts: Mapping[str, WiredPart[I]]) -> dict[str, Slot]:
     return slots
 
 
-def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
+def interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
     """Let Real inputs follow the polynomials of their sources in place of the last values."""
     signals: dict[str, SignalHistory | InputSource] = {}
     for part in parts.values():
@@ -319,7 +307,7 @@ def _interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
             link.follow(signals[link.source.name])
 
 
-def _add_bond_sides(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
+def add_bond_sides(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
     """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
     links = {link.target.name: link for part in parts.values() for link in part.links}
     for bond in find_bonds(network):

@@ -77,13 +77,27 @@ static int step3(const operation *op, double t, double h)
     return after ? after : status;
 }
 
-/* The pieces of a step. */
+/* The number before a positive one. */
+static double below(double x)
+{
+    int64_t bits;
+    memcpy(&bits, &x, sizeof bits);
+    bits--;
+    memcpy(&x, &bits, sizeof x);
+    return x;
+}
+
+/* The pieces of a step. `last` are the stop, and from when on a piece ends exactly there. */
 static int steps(const operation *op, double t, double h)
 {
-    double piece = op->size * h / op->count;
+    double piece = op->count == 1 ? op->size * h : op->size * h / op->count, stop = op->last[0];
     int warned = 0;
     for (int k = 0; k < op->count; k++) {
         double begin = t + op->at * h + k * piece;
+        if (begin + piece >= op->last[1] && begin + piece != stop) {
+            piece = stop - begin;
+            while (begin + piece > stop) piece = below(piece);
+        }
         int status = op->code == STEP3
                          ? step3(op, begin, piece)
                          : ((do_step)op->function)(op->component, begin, piece, op->forward);
@@ -122,11 +136,6 @@ static int run(const operation *op, double t, double h, long long n)
     case ENTER:
         return memcmp(cells, source, op->count) ? ((finish)op->function)(t + op->at * h, size, 0) : 0;
     case STEP:
-        if (op->count == 1) {
-            double begin = t + op->at * h;
-            return ((do_step)op->function)(op->component, begin, size, op->forward);
-        }
-        return steps(op, t, h);
     case STEP3:
         return steps(op, t, h);
     case WATCH:
@@ -150,38 +159,41 @@ static int finite_cells(const operation *op)
     return 1;
 }
 
-/* Steps number first + 1 to last of size h from start on; after every `every`-th step the operations
-   from row_begin on are done too and a row of the columns goes to rows. Returns the number of rows.
-   `report` is the last step that was completed, and of the operation that stopped it the index, or
-   -1, and the status; `warned` of each operation the first step in which it returned a warning. */
+/* Steps number first + 1 to last of size h from start on; step number `count` ends at the stop. After
+   every `every`-th step, and at the stop, the operations from row_begin on are done too and a row of
+   the columns goes to rows. Returns the number of rows. `report` is the last step that was completed,
+   and of the operation that stopped it the index, or -1, and the status; `warned` of each operation
+   the first step in which it returned a warning. */
 int take_steps(const operation *program, long long *warned, int length, int row_begin,
                const column *columns, int width, double start, double h, long long first,
-               long long last, long long every, double *rows, long long *report)
+               long long last, long long every, long long count, double stop, double *rows,
+               long long *report)
 {
-    int count = 0;
+    int taken = 0;
     long long row = first + every - first % every;
     for (long long n = first + 1; n <= last; n++) {
         double t = start + (double)(n - 1) * h;
-        const operation *end = program + (n == row ? length : row_begin);
+        double size = n < count || t + h == stop ? h : stop - t;
+        const operation *end = program + (n == row || n == count ? length : row_begin);
         for (const operation *op = program; op < end; op++) {
-            int status = run(op, t, h, n - first - 1);
+            int status = run(op, t, size, n - first - 1);
             if (!status && (!op->checked || finite_cells(op))) continue;
             long long i = op - program;
             int done = (status == 0 || status == 1);
             if (status == 1 && !warned[i]) warned[i] = n;
             if (!done || !finite_cells(op)) {
                 report[0] = n - 1, report[1] = i, report[2] = done ? NOT_FINITE : status;
-                return count;
+                return taken;
             }
         }
-        if (n == row) {
-            row += every;
-            *rows++ = start + (double)n * h;
+        if (n == row || n == count) {
+            if (n == row) row += every;
+            *rows++ = n < count ? start + (double)n * h : stop;
             for (int i = 0; i < width; i++)
                 *rows++ = number(&columns[i]);
-            count++;
+            taken++;
         }
     }
     report[0] = last, report[1] = -1;
-    return count;
+    return taken;
 }

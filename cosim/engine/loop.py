@@ -12,20 +12,51 @@ from typing import Any, NamedTuple
 
 from ..errors import FmuError
 from ..fmu.blocks import VariableBlock
-from ..fmu.buffers import Slot, address
+from ..fmu.buffers import Slot
 from ..fmu.messages import WARNING
 from ..fmu.operations import COperation
 from .compiler import SOURCE, compile_loop, file_name, loop_of_sources
 from .part import StepOperation
 from .schedule import TimedOperation
 from .sources import InputSource
-from .structures import DOUBLE, INT, LONG, PLACE, structures
 
-ARGUMENTS: Any = [PLACE, PLACE, INT, INT, PLACE, INT, *[DOUBLE] * 2, *[LONG] * 3, PLACE, PLACE]
-MEMBER_ARGUMENTS: Any = [*[PLACE] * 3, LONG, LONG, PLACE, PLACE, LONG, *[PLACE] * 3]
+INT, LONG, DOUBLE, PLACE = ctypes.c_int, ctypes.c_longlong, ctypes.c_double, ctypes.c_void_p
+ARGUMENTS: Any = [
+    PLACE,
+    PLACE,
+    INT,
+    INT,
+    PLACE,
+    INT,
+    *[DOUBLE] * 2,
+    *[LONG] * 4,
+    DOUBLE,
+    PLACE,
+    PLACE,
+]
+#: Means of inputs over time that are kept for further runs. Chosen: 8 MB of them.
+MOST_MEANS = 10**6
 
 
-Column = structures(SOURCE.read_text())["column"]
+class ColumnCell(ctypes.Structure):
+    """The structure `column` of loop.c: a cell, and the letter of its type."""
+
+    _fields_ = [("cell", PLACE), ("type", INT)]
+
+
+class Steps(NamedTuple):
+    """Steps of `size` [s] from `begin` on, of which the last of `number`, if that is not 0, ends at the `stop` [s]."""
+
+    begin: float
+    size: float
+    number: int
+    stop: float
+
+    def at(self, n: int) -> tuple[float, float]:
+        """When step number n begins, and its size [s]."""
+        t = self.begin + n * self.size
+        is_cut = n + 1 == self.number and t + self.size != self.stop
+        return t, self.stop - t if is_cut else self.size
 
 
 def compiled_library() -> ctypes.CDLL:
@@ -53,8 +84,6 @@ def _library_or_reason() -> ctypes.CDLL | OSError:
     except OSError as error:
         return error
     loop.take_steps.argtypes = ARGUMENTS
-    loop.run_members.argtypes = MEMBER_ARGUMENTS
-    loop.run_members.restype = None
     return loop
 
 
@@ -80,55 +109,47 @@ def lay_out(steps: Sequence[TimedOperation], extra: Sequence[VariableBlock]) -> 
 
 
 class Loop:
-    """Fixed steps of a program, a row of `columns` after the time and after every `every`-th step.
+    """Steps of a program, with rows of `columns` after the time.
 
     Raises OSError with the reason if there is no compiled loop.
     """
 
-    def __init__(self, program: Program, columns: Sequence[Slot], every: int) -> None:
+    def __init__(self, program: Program, columns: Sequence[Slot]) -> None:
         self._take_steps = compiled_library().take_steps
         self.operations = program.operations
         self.c_operations = (COperation * len(program.c_operations))(*program.c_operations)
-        self._warned = (ctypes.c_longlong * len(self.operations))()
+        self._warned = (LONG * len(self.operations))()
         self._feeds = [
-            k
-            for k, timed in enumerate(program.operations)
-            if isinstance(timed.operation, InputSource)
+            k for k, timed in enumerate(self.operations) if isinstance(timed.operation, InputSource)
         ]
+        self._means: dict[Steps, list[Any]] = {}
         self._parts = [
             timed.operation.part
-            for timed in program.operations
+            for timed in self.operations
             if isinstance(timed.operation, StepOperation)
         ]
-        self.row_begin = program.row_begin
-        cells = (Column(slot.address, ord(slot.kind._type_)) for slot in columns)
-        self.columns = (Column * len(columns))(*cells)
-        self._width = len(columns) + 1
-        self._every = every
+        self._row_begin = program.row_begin
+        cells = (ColumnCell(slot.address, ord(slot.kind._type_)) for slot in columns)
+        self._columns = (ColumnCell * len(columns))(*cells)
 
     def run(
-        self, start: float, h: float, first: int, last: int
+        self, steps: Steps, first: int, last: int, every: int
     ) -> tuple[array[float], int, FmuError | None]:
-        """Take steps first + 1 to last of size h [s] from `start` on.
+        """Take steps first + 1 to last, with a row after every `every`-th, and after the last of all.
 
         Returns the rows, one after the other, the last step that was completed, and the failure
         that ended it there.
         """
-        rows = array("d", [0.0]) * (self._width * ((last - first) // self._every + 1))
-        laid_out = []
-        for k in self._feeds:
-            feed, at, size = self.operations[k]
-            assert isinstance(feed, InputSource)
-            times = (start + n * h + at * h for n in range(first, last))
-            means = [feed.profile.mean(t, size * h) for t in times]
-            laid_out.append((ctypes.c_double * len(means))(*means))
-            self.c_operations[k].source = address(laid_out[-1])
-        report = (ctypes.c_longlong * 3)()
-        count = self._take_steps(
-            self.c_operations, self._warned, len(self.c_operations), self.row_begin,
-            self.columns, len(self.columns), start, h, first, last, self._every,
-            rows.buffer_info()[0], report,
+        width = len(self._columns) + 1
+        rows = array("d", [0.0]) * (width * ((last - first) // every + 2))
+        kept = self._lay_out_means(steps, first, last) if self._feeds else None
+        report = (LONG * 3)()
+        taken = self._take_steps(
+            self.c_operations, self._warned, len(self.c_operations), self._row_begin,
+            self._columns, len(self._columns), steps.begin, steps.size, first, last, every,
+            steps.number or last + 1, steps.stop, rows.buffer_info()[0], report,
         )  # fmt: skip
+        del kept
         done, failed, status = report
         for part in self._parts:
             part.do_steps += part.substeps * (done - first)
@@ -138,8 +159,27 @@ class Loop:
         try:
             for k, n, answer in answers:
                 operation, at, size = self.operations[k]
-                operation.answered(start + n * h + at * h, size * h, answer)
+                t, h = steps.at(n)
+                self._warned[k] = 0
+                operation.answered(t + at * h, size * h, answer)
         except FmuError as error:
             failure = error
-        del rows[count * self._width :]
+        del rows[taken * width :]
         return rows, done, failure
+
+    def _lay_out_means(self, steps: Steps, first: int, last: int) -> list[Any]:
+        """Lay out the means of inputs over time in steps first + 1 to last, in arrays that are to live as long."""
+        if len(self._feeds) * steps.number > MOST_MEANS or not steps.number:
+            arrays, offset = [array("d") for _ in self._feeds], 0
+            missing = range(first, last)
+        else:
+            arrays, offset = self._means.setdefault(steps, [array("d") for _ in self._feeds]), first
+            missing = range(len(arrays[0]), last)
+        for k, means in zip(self._feeds, arrays):
+            feed, at, size = self.operations[k]
+            assert isinstance(feed, InputSource)
+            for n in missing:
+                t, h = steps.at(n)
+                means.append(feed.profile.mean(t + at * h, size * h))
+            self.c_operations[k].source = means.buffer_info()[0] + 8 * offset
+        return arrays

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Generic, TypeVar
@@ -22,10 +23,10 @@ I = TypeVar("I", bound=Instance)
 class WiredPart(Generic[I]):
     """An instance of an FMU, the buffers of its wired variables, and what moves values into them.
 
-    `substeps` is the number of sub-steps that it takes in a step, none of which goes beyond `stop` [s];
-    `do_steps` counts them. `initial_inputs` are the contents of its `inputs` before it begins. `links` bring values to its `inputs`,
-    those over time from `feeds`; `curves`, if any, let them move within a step. `bond_sides` book the
-    work of its `outputs`.
+    `substeps` is the number of sub-steps that it takes in a step, none of which goes beyond the first of its `ends` [s];
+    what comes to the second would be beyond it but for rounding. `do_steps` counts them. `links` bring values to its
+    `inputs`, those over time from `feeds`; `curves`, if any, let them move within a step. `bond_sides` book the work of its
+    `outputs`.
     """
 
     def __init__(
@@ -33,18 +34,20 @@ class WiredPart(Generic[I]):
         instance: I,
         inputs: Sequence[VariableBlock],
         outputs: Sequence[VariableBlock],
-        stop: float,
         substeps: int = 1,
     ) -> None:
+        """The inputs hold what they begin with."""
         self.instance, self.inputs, self.outputs = instance, inputs, outputs
-        self.stop, self.substeps = stop, substeps
-        self.do_steps = 0
-        self.initial_inputs = [bytes(block.cells) for block in inputs]
+        self.substeps, self.do_steps = substeps, 0
+        self.ends = (ctypes.c_double * 2)()
+        self._initial_inputs = [bytes(block.cells) for block in inputs]
+        self.array_inputs = [
+            (b, i, v) for b in inputs for i, v in enumerate(b.variables) if len(v.family) > 1
+        ]
         self.links: list[Link] = []
         self.curves: InputPolynomials | None = None
         self.feeds: list[InputSource] = []
         self.bond_sides: list[BondSide] = []
-        instance.connect_inputs(inputs)
 
     @property
     def name(self) -> str:
@@ -78,6 +81,17 @@ class WiredPart(Generic[I]):
             for output, inputs in feedthrough(self.description).items()
         }
         return {output: drivers for output, drivers in acting.items() if drivers}
+
+    def begin(self, start: float, stop: float) -> None:
+        """Be as new for a run from start to stop [s], but for the instance."""
+        self.do_steps, self.ends[:] = 0, [stop, stop - 64 * math.ulp(stop)]
+        self.instance.connect_inputs(self.inputs)
+        for block, content in zip(self.inputs, self._initial_inputs):
+            ctypes.memmove(block.cells, content, len(content))
+        for feed in self.feeds:
+            feed.cell[0] = float(feed.profile.at(start))
+        for signal in self.curves.signals if self.curves else ():
+            signal.nodes = []
 
     def apply_links(self) -> None:
         """Bring the values of the wires into the buffers."""
@@ -139,7 +153,6 @@ class StepOperation(Operation):
 
     def __init__(self, part: Part) -> None:
         self.part = part
-        self._nearly = part.stop - 64 * math.ulp(part.stop)
 
     def __call__(self, t: float, h: float) -> None:
         """Step the part from t by h [s], at a stop time exactly onto it; raises FmuError."""
@@ -149,14 +162,14 @@ class StepOperation(Operation):
             begin = t + k * size
             if part.curves is not None:
                 part.curves.hand_over(begin, size, first=k == 0)
-            if begin + size >= self._nearly:
+            if begin + size >= part.ends[1]:
                 size = self._size_to_stop(begin, size)
             part.do_steps += 1
             part.instance.advance(begin, size)
 
     def _size_to_stop(self, t: float, h: float) -> float:
         """The step h from t [s], or what is left to the stop time where it differs by rounding."""
-        stop = self.part.stop
+        stop: float = self.part.ends[0]
         if t + h != stop:
             h = stop - t
             while t + h > stop:
@@ -170,6 +183,7 @@ class StepOperation(Operation):
             return None
         c_operation = part.instance.step_c_operation()
         c_operation.count, c_operation.forward = part.substeps, int(part.instance.forward)
+        c_operation.last = ctypes.addressof(part.ends)
         return c_operation
 
     def answered(self, t: float, h: float, status: int) -> None:

@@ -13,7 +13,7 @@ from typing import Self
 from ..errors import FmuError
 from ..signals import reinstall_handlers
 
-#: Seconds between two looks at what FMUs may have changed. A convention: a look takes some 10 us.
+#: Seconds between two looks at all that FMUs may have changed. A convention: a look takes some 10 us.
 BETWEEN = 0.1
 #: A convention of IEEE 754: the smallest number above 0, which is subnormal.
 SUBNORMAL = 5e-324
@@ -61,8 +61,9 @@ class ProcessGuard:
             self._warn("the treatment of subnormal floating-point numbers (FTZ, DAZ)")
 
     def require_unchanged_arithmetic_at_times(self) -> None:
-        """Look now and then during a run; raises FmuError if its numbers are computed otherwise."""
-        if clock.perf_counter() > self._looked + BETWEEN:
+        """Look at the arithmetic, and now and then at all; raises FmuError if numbers were computed otherwise."""
+        is_changed = (C.fegetround(), _flushes()) != (self._rounding, self._flushes)
+        if is_changed or clock.perf_counter() > self._looked + BETWEEN:
             self.require_unchanged_arithmetic()
 
     def require_unchanged_arithmetic(self) -> None:

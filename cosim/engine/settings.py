@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from ..errors import SetupError
 from ..fmu.times import coincide
@@ -24,6 +25,13 @@ LEFT_OVER = 1e-6
 #: ten significant digits is off by up to 5e-10 of itself, and a quotient of two by twice that. Rows bear the times
 #: of their steps, so that no row is at a wrong time.
 MULTIPLE_ROUNDING = 1e-9
+
+
+class StepAndStop(NamedTuple):
+    """The communication step of a member and its stop [s]."""
+
+    step: float | Adaptive
+    stop: float
 
 
 @dataclass(frozen=True)

@@ -146,9 +146,11 @@ class Session:
         self._is_initialised = True
 
     def reset(self) -> None:
-        """Be as if made anew."""
+        """Be as if made anew; saved states are freed."""
         self._is_initialised = False
         self.messages.clear()
+        while self._states:
+            self.drop(self._states.pop())
         self.call("reset")
         self._worst = OK
 

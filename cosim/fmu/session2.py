@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import count
 from weakref import WeakValueDictionary
 
@@ -91,9 +92,13 @@ class Session2(Session):
         kind = CALL.get(variable.type, variable.type)
         self.call(f"set{kind}", [variable.valueReference], [value])
 
+    def reader(self, variables: Sequence[Variable]) -> Callable[[], dict[str, Value]]:
+        """What reads the values of variables, by their names and in their order."""
+        return partial(read_blocks, self.blocks("Get", variables), variables, self.name)
+
     def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, by their names and in their order."""
-        return read_blocks(self.blocks("Get", variables), variables, self.name)
+        return self.reader(variables)()
 
     def slopes(self, unknown: Sequence[Variable], by: Variable) -> list[float]:
         """The directional derivatives of variables by one, as the FMU has them."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import chain
 from typing import Any
 
@@ -85,14 +85,23 @@ class Session3(Session):
         block.put(block.variables.index(variable), value)
         return block
 
+    def reader(self, variables: Sequence[Variable]) -> Callable[[], dict[str, Value]]:
+        """What reads the values of variables, Binary ones as hexadecimal digits; Clocks have none."""
+        plain = [v for v in variables if v.type not in ("Binary", "Clock")]
+        blocks = self.blocks("Get", plain)
+
+        def read() -> dict[str, Value]:
+            values = read_blocks(blocks, plain, self.name)
+            for v in variables:
+                if v.type == "Binary":
+                    values[v.name] = self._binaries(v)[v.family.index(v)].hex()
+            return {v.name: values[v.name] for v in variables if v.name in values}
+
+        return read
+
     def values(self, variables: Sequence[Variable]) -> dict[str, Value]:
         """The values of variables, Binary ones as hexadecimal digits; Clocks have none."""
-        plain = [v for v in variables if v.type not in ("Binary", "Clock")]
-        values = read_blocks(self.blocks("Get", plain), plain, self.name)
-        for v in variables:
-            if v.type == "Binary":
-                values[v.name] = self._binaries(v)[v.family.index(v)].hex()
-        return {v.name: values[v.name] for v in variables if v.name in values}
+        return self.reader(variables)()
 
     def slopes(self, unknown: Sequence[Variable], by: Variable) -> list[float]:
         """The directional derivatives of variables by one, as the FMU has them."""

@@ -10,7 +10,7 @@ import pytest
 
 from cosim import Result
 from cosim.cli.main import main
-from cosim.engine import driver
+from cosim.engine import system_instance
 from cosim.series import TIME, Column, Kind
 
 CommandOutput = Callable[..., str]
@@ -52,4 +52,4 @@ def interpreted(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(*_: Any) -> None:
         raise OSError("no compiler")
 
-    monkeypatch.setattr(driver, "Loop", missing)
+    monkeypatch.setattr(system_instance, "Loop", missing)

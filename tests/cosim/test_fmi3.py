@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from contextlib import ExitStack
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -27,9 +27,9 @@ from cosim import (
     write_osp,
     write_ssp,
 )  # fmt: skip
-from cosim.engine.initialise import initialise
 from cosim.engine.settings import RunSettings
 from cosim.engine.snapshot import Snapshot
+from cosim.engine.system_instance import SystemInstance
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
@@ -241,8 +241,10 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
     """An array is handed over whole, and so would be what an element becomes only later."""
     system = System({"A": third, "B": third}, ["B.Int8_out -> A.Int8_ins[1,1]"])
     network = connect(system)
-    with ExitStack() as stack:
-        parts = initialise(network, RunSettings(1.0, 0.1), ["B", "A"], stack)
+    settings = RunSettings(1.0, 0.1, order=["B", "A"])
+    with closing(SystemInstance(network, settings)) as system_instance:
+        system_instance.begin(network, settings)
+        parts = system_instance.parts
         instance: Any = parts["A"].instance
         snapshot = Snapshot([*parts.values()])
         element, shown = (network.port(f"A.{n}[1,2]").variable for n in ("Int8_ins", "Int8_outs"))
@@ -255,8 +257,10 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
 
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     network = connect(System({"A": third}, start={"A.Binary_in": "DEAD00BEEF"}))
-    with ExitStack() as stack:
-        part = initialise(network, RunSettings(1.0, 0.1), ["A"], stack)["A"]
+    settings = RunSettings(1.0, 0.1)
+    with closing(SystemInstance(network, settings)) as system_instance:
+        system_instance.begin(network, settings)
+        part = system_instance.parts["A"]
         variables = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
         assert part.instance.session.values(variables) == {
             "Binary_out": "dead00beef",

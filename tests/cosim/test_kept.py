@@ -24,7 +24,7 @@ import pytest
 from cosim import Interrupted, SetupError, SimulationError, isolated, run, run_isolated
 from cosim.cli.commands import run as run_command
 from cosim.cli.main import main
-from cosim.engine import driver, process_guard
+from cosim.engine import process_guard, system_instance
 from cosim.table_file import facts_path
 from tests.conftest import ROOT, restore_ctrl_c, until
 from tests.cosim.conftest import CommandOutput
@@ -223,7 +223,7 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
         if share > 0.55:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(driver, "lay_out", lambda *_: None)
+    monkeypatch.setattr(system_instance, "lay_out", lambda *_: None)
     meddler, other = (pack(watched / f"{k}.fmu", meddle_at=t) for k, t in ((1, when), (2, 9.0)))
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:

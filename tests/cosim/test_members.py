@@ -6,7 +6,7 @@ import os
 import signal
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import combinations, product
 from pathlib import Path
@@ -18,12 +18,12 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from cosim import Adaptive, Interrupted, Series, SetupError, SimulationError, System, run
-from cosim.engine import members
+from cosim.engine.loop import Loop, lay_out
 from cosim.engine.settings import RunSettings
-from cosim.ensemble import Ensemble
+from cosim.engine.system_instance import KNOWN_TOOLS
+from cosim.ensemble import Case, Ensemble
 from cosim.metrics import Largest
 from cosim.prepared import Prepared
-from cosim.worker import KNOWN_TOOLS
 from tests.cosim.foreign import pack, single_fmu_system
 
 WIRES = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
@@ -124,21 +124,43 @@ def ensemble_of(
         return prepared.map(cases, jobs=jobs)
 
 
-def test_members_run_in_c_where_they_can(fmus: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both versions of FMI do: 20 members of 1000 steps take the driver once."""
-    steps = []
-    for flavour in ("native", "fmi3"):
-        original = members.Members.run
-        monkeypatch.setattr(
-            members.Members,
-            "run",
-            lambda self, block, f=original: steps.append(len(block.values)) or f(self, block),
-        )
-        ensemble_of(
-            drive(fmus / flavour, "pair"), {"motor.A": np.linspace(7000.0, 8000.0, 20)}, step=H
-        )
-        monkeypatch.undo()
-    assert steps == [1, 20] * 2
+@pytest.mark.parametrize("flavour", ["native", "fmi3"])
+def test_all_steps_of_a_member_are_one_call_of_the_loop(
+    flavour: str, fmus: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Instances are made and laid out once, and the cut last step is one of the others."""
+    calls, laid_out = [], []
+    original = Loop.run
+    monkeypatch.setattr(Loop, "run", lambda *args: calls.append(args[2:4]) or original(*args))
+    monkeypatch.setattr(
+        "cosim.engine.system_instance.lay_out", lambda *a: laid_out.append(a) or lay_out(*a)
+    )
+    system = drive(fmus / flavour, "pair")
+    ensemble_of(system, {"motor.A": np.linspace(7000.0, 8000.0, 30)}, stop=0.9995, step=H)
+    assert len(laid_out) == 1
+    assert calls[-5:] == [(0, 1000)] * 5
+
+
+@pytest.mark.parametrize("flavour", ["native", "fmi3"])
+def test_what_begins_again_has_the_bits_of_new_instances(flavour: str, fmus: Path) -> None:
+    """Of every FMU that is built here, after a run with other start values, and of one that failed to begin."""
+    for path in sorted((fmus / flavour).glob("*.fmu")):
+        system = System({"part": path})
+        settings = RunSettings(0.05, H)
+        with Prepared.open(system, settings) as prepared:
+            start = {
+                port.name: 1.01 * float(port.variable.start or 0.0)
+                for v in prepared.network.descriptions["part"].modelVariables
+                if v.causality == "parameter" and v.type == "Real"
+                for port in [prepared.network.port(f"part.{v.name}")]
+            }
+            with suppress(SetupError, SimulationError):
+                prepared.run(Case(start))
+            again = prepared.run()
+        single = run(system, stop=0.05, step=H)
+        assert again.data.tobytes() == single.data.tobytes(), path.name
+        facts = {"parts", "warnings", "bonds", "start_values"}
+        assert {k: again.provenance[k] for k in facts} == {k: single.provenance[k] for k in facts}
 
 
 @pytest.mark.parametrize("name", ["warn_at", "error_at", "fatal_at", "nan_above"])

@@ -11,7 +11,7 @@ from itertools import count
 from pathlib import Path
 from typing import TypeVar
 
-from ...engine.initialise import open_cosimulation
+from ...engine.system_instance import open_cosimulation
 from ...errors import FmuError
 from ...fmu.instance import CoSimulation
 from ...fmu.library import borrow
