@@ -1,8 +1,8 @@
 """How often a stated error holds the true one: of systems whose solution is exact, and of machines by the oracle.
 
 Drawn systems of each kind of `certify_draws` are certified with one of all algorithms, with fixed or adaptive steps;
-one kind are members of a certified sweep, one nonlinear systems without events, whose FMUs keep no state, with five steps
-each, one the machines of the scenarios, whose truth is that of the oracle, and one synthetic runs, which say beforehand
+one kind are members of a certified sweep, one nonlinear systems without events, whose FMUs keep no state, one the machines
+of the scenarios, whose truth is that of the oracle, these with five steps each, and one synthetic runs, which say beforehand
 what of them can be determined. The truth is that of continuous time.
 """
 
@@ -20,19 +20,16 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.integrate import OdeSolution, simpson, solve_ivp
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
-from scipy.optimize import brentq, minimize_scalar
+from scipy.integrate import OdeSolution, solve_ivp
+from scipy.interpolate import CubicSpline
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from benchmarks.certify_cases import Case, state_at, synthetic_cases
-from benchmarks.certify_draws import KINDS, Drawn, draw
+from benchmarks.certify_draws import FIGURES, KINDS, Drawn, Piece, Truth, draw
 from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import (
-    Adaptive,
-    Result,
     SimulationError,
     System,
     certify,
@@ -44,23 +41,14 @@ from cosim.accuracy.certify import estimates_of
 from cosim.accuracy.nested import nested_runs
 from cosim.metrics import (
     Crossing,
-    Largest,
-    Last,
-    Mean,
     Metric,
-    Rms,
-    Smallest,
-    TimeOfLargest,
 )
-from cosim.series import TIME, Column
 from scenarios.conveyor import machine
 from scenarios.conveyor.first_order import SETS
 from scenarios.exciter.questions import sommerfeld as exciter
 from scenarios.iron import machine as iron
 from scenarios.orientator import machine as orientator
 from scenarios.packing_line.questions import packing_line as line
-from tests import linear_systems as linear
-from tests.coupling_theory import Ideal, Scheme
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/certify.md", "What `certify` promises")
@@ -69,8 +57,6 @@ FMUS = ROOT / "fmus"
 ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 #: Step sizes of a case, each half as long as the one before: a convention, which limits the time of a run.
 HALVINGS = 5
-#: Times at which a known solution is computed: a convention, odd as Simpson's rule demands.
-FINE = 20001
 #: Rows of a reference solution: a convention, whose spacing limits how exactly the time of an event is known.
 REFERENCE_ROWS = 4001
 #: Share of the time in which what starts from rest is looked at more closely: a convention.
@@ -81,32 +67,9 @@ CLOSE = 401
 TRUTH_ERROR = 1e-7
 #: Tolerance of the solution of a nonlinear system, relative and absolute: a convention, far below TRUTH_ERROR.
 SOLUTION_TOLERANCE = 1e-12
-#: Accuracy of the time of an extreme, over the duration: a convention, far below TRUTH_ERROR.
-EXTREME_ACCURACY = 1e-12
-#: Accuracy of the time at which a level is crossed [s]: a convention, near the rounding of the time.
-CROSSING_ACCURACY = 1e-14
 #: Level whose crossing is timed, over the range from the least to the largest value: a convention, off the middle,
 #: at which many motions have a symmetry.
 CROSSED_LEVEL = 0.6
-#: By kind the largest share of errors stated that may not hold, and the largest ratio of true to stated error.
-DEMANDS = {"synthetic": (0.005, 2.0), "hidden impacts": (0.005, 2.0)}
-#: The same of the others.
-DEMAND = (0.005, math.inf)
-#: Largest share that may be refused of what can be determined.
-MOST_REFUSED = 0.05
-#: Figures of a column and a level: as a metric, and of rows as one writes them who does not think of them.
-FIGURES: dict[str, tuple[Callable[[str, float], Metric], Callable[[Any, Any, float], Any]]] = {
-    "end": (lambda c, _: Last(c), lambda t, x, _: x[-1]),
-    "max": (lambda c, _: Largest(c), lambda t, x, _: x.max()),
-    "min": (lambda c, _: Smallest(c), lambda t, x, _: x.min()),
-    "mean": (lambda c, _: Mean(c), lambda t, x, _: x.mean()),
-    "rms": (lambda c, _: Rms(c), lambda t, x, _: math.sqrt((x**2).mean())),
-    "time of max": (lambda c, _: TimeOfLargest(c), lambda t, x, _: t[np.argmax(x)]),
-    "crossing": (
-        lambda c, level: Crossing(c, level=level),
-        lambda t, x, level: first_change(t, x > level),
-    ),
-}
 
 
 class Half(NamedTuple):
@@ -231,49 +194,6 @@ def solution_over_time(
     return solve_ivp(rhs, (start, stop), y0, "DOP853", dense_output=True, **accuracy).sol
 
 
-def matrices(draw: Callable[[float, float], float]) -> dict[str, tuple[Any, float, float]]:
-    """Linear units, a stop and a longest step [s]."""
-    return {
-        "oscillator": (linear.OSCILLATOR, 0.9, 0.01),
-        "dual mass": (linear.DUAL_MASS, 2.0, 0.02),
-        "quarter car": (linear.QUARTER_CAR, 0.6, 0.004),
-        "DC motor": (linear.DC_MOTOR, 0.02, 1e-4),
-        "drive": (linear.drive(draw(50.0, 200.0)), 0.1, 5e-4),
-        "lagging motor": (
-            linear.lagging_motor(draw(0.03, 0.06), draw(0.5, 1.5), draw(100.0, 400.0)), 0.1, 2e-4,
-        ),
-        "twisting drive": (linear.twisting_drive(draw(1.0, 20.0)), 0.1, 5e-4),
-        "spring and mass": (linear.SPRING_AND_MASS, 1.2, 0.03),
-    }  # fmt: skip
-
-
-def exact_units(units: Any, stop: float, step: float) -> Case:
-    """Linear units stepped by the ideal algorithms, which FMUs follow to the last digits (see
-    tests/cosim/verification.py), and the matrix exponential of the coupled system.
-    """
-    ideal = Ideal(units)
-    h = stop / (FINE - 1)
-    x = ideal.exact([h] * (FINE - 1))
-    rates = x @ ideal.coupled_rates[:-1, :-1].T + ideal.coupled_rates[:-1, -1]
-    solution = CubicHermiteSpline(np.linspace(0, stop, FINE), x, rates)
-    names = linear.states(units)
-    columns = [names[0], names[-1]]
-    exact = {c: partial(state_at, lambda t: solution(t).T, names.index(c)) for c in columns}
-
-    def runner(_: System, *, step: float, algorithm: str, **__: Any) -> Result:
-        count = round(stop / step)
-        x = ideal.states(Scheme(algorithm), [stop / count] * count)
-        t = np.linspace(0.0, stop, len(x))
-        dense = np.column_stack([t, *(x[:, names.index(c)] for c in columns)])
-        fed = any(unit.D is not None for unit in units.values())
-        order = 2 if algorithm == "strang" and not fed else 1
-        return Result(
-            [TIME, *map(Column, columns)], {"convergence_order": order}, dense.T.__getitem__
-        )
-
-    return Case(System({}), stop, step, exact, runner)
-
-
 def machines(
     draw: Callable[[float, float], float], native: Path
 ) -> dict[str, tuple[System, float, float, list[str], dict[str, float]]]:
@@ -353,140 +273,64 @@ def integrated(
     return Case(system, stop, step, exact, changes=changes)
 
 
-def truth(x: Callable[[Any], Any], stop: float) -> dict[str, float]:
-    """The figures of a column in continuous time; the level is at CROSSED_LEVEL of its range."""
-    t = np.linspace(0.0, stop, FINE)
-    values = np.asarray(x(t))
-    figures = {"end": float(values[-1])}
-    times = np.union1d(t, np.linspace(0.0, EARLY * stop, CLOSE))
-    samples = np.asarray(x(times))
-    for name, sign in (("max", 1.0), ("min", -1.0)):
-        top = int(np.argmax(sign * samples))
-        time = float(times[top])
-        if 0 < top < len(times) - 1:
-            near = (times[top - 1], times[top + 1])
-            time = minimize_scalar(lambda s, sign=sign: -sign * float(x(s)), bounds=near, method="bounded",
-                                    options={"xatol": EXTREME_ACCURACY * stop}).x  # fmt: skip
-        figures[name] = max(sign * float(x(time)), sign * float(samples[top])) * sign
-        figures[f"time of {name}"] = time
-    figures["mean"] = float(simpson(values, x=t)) / stop
-    figures["rms"] = math.sqrt(float(simpson(values**2, x=t)) / stop)
-    level = (1.0 - CROSSED_LEVEL) * figures["min"] + CROSSED_LEVEL * figures["max"]
-    passed = np.flatnonzero((values[1:] > level) != (values[:-1] > level))
-    k = int(passed[0])
-    figures["crossing"] = float(
-        brentq(lambda s: float(x(s)) - level, t[k], t[k + 1], xtol=CROSSING_ACCURACY)
-    )
-    return {"level": level} | figures
+def figures_of(x: Callable[[Any], Any], stop: float) -> tuple[float, dict[str, float]]:
+    """A level, and the figures of a column in continuous time."""
+    truth = Truth([Piece(0.0, stop, lambda t: np.atleast_2d(x(t)), 0.0)])
+    bounds = truth.figures(0)
+    level = (1.0 - CROSSED_LEVEL) * bounds["smallest"] + CROSSED_LEVEL * bounds["largest"]
+    return level, truth.figures(0, level)
 
 
-def first_change(t: Any, state: Any) -> float:
-    """The first time [s] of a row whose state is another one than at the start; nan without one."""
-    other = state != state[0]
-    return float(t[np.argmax(other)]) if other.any() else math.nan
+class Judged(NamedTuple):
+    """A figure that was stated beside its truth, and whether it must be stated or refused, None where it may be either."""
 
-
-class Verdict(NamedTuple):
-    """A figure that was stated, and the truth."""
-
-    system: str
-    algorithm: str
-    step: float  # or the tolerance
-    method: str
+    name: str
     figure: str
-    true: float
-    value: float
-    error: float | None
-    order: float
-    size: float
-    promise: bool | None = None  # whether it must be stated, or refused
-
-    @property
-    def ratio(self) -> float:
-        """True over stated error, beyond that of the truth."""
-        assert self.error is not None
-        return max(0.0, abs(self.value - self.true) - self.truth_error) / self.error
-
-    @property
-    def truth_error(self) -> float:
-        """The truth is known to TRUTH_ERROR of the largest value, when a discrete column changes to half the distance of
-        the oracle's rows.
-        """
-        share = 0.5 / (REFERENCE_ROWS - 1) if self.figure == "event" else TRUTH_ERROR
-        return share * self.size
+    stated: Stated
+    promise: bool | None
 
 
 def judged(
-    name: str,
-    case: Case,
-    algorithms: Sequence[str] = ALGORITHMS,
-    halvings: int = HALVINGS,
-    *,
-    steps: Sequence[float | Adaptive] = (),
-) -> Iterator[Verdict]:
-    """Every figure of a case, with halved steps or the given ones."""
-    truths = {column: truth(x, case.stop) for column, x in case.exact.items()}
-    metrics: dict[str, Metric] = {
-        f"between rows|{column}|{figure}": metric(column, true["level"])
-        for column, true in truths.items()
-        for figure, (metric, _) in FIGURES.items()
-    } | {
-        f"between rows|{column}|event": Crossing(column, level=level)
-        for column, (level, _) in case.changes.items()
-    }
-    fixed = [case.stop / (round(case.stop / case.step) * 2 ** (k + 2)) for k in range(halvings)]
-    for algorithm, h in product(case.algorithms or algorithms, steps or fixed):
-        settings = {
-            "stop": case.stop, "algorithm": algorithm, "record": [*case.exact, *case.changes]
-        }  # fmt: skip
+    name: str, case: Case, algorithms: Sequence[str] = ALGORITHMS, halvings: int = HALVINGS
+) -> Iterator[Judged]:
+    """Every figure of a case, with halved steps."""
+    metrics: dict[str, Metric] = {}
+    truths: dict[str, tuple[float, float]] = {}  # and how exactly the truth is known
+    for column, x in case.exact.items():
+        level, true = figures_of(x, case.stop)
+        size = max(abs(true["largest"]), abs(true["smallest"]))
+        for figure, value in true.items():
+            key = f"{column}|{figure}"
+            crossed = {"level": level} if figure == "crossing" else {}
+            metrics[key] = FIGURES[figure](column, **crossed)
+            timed = figure in ("crossing", "time of largest")
+            truths[key] = value, TRUTH_ERROR * (case.stop if timed else size)
+    for column, (level, at) in case.changes.items():
+        metrics[f"{column}|event"] = Crossing(column, level=level)
+        truths[f"{column}|event"] = at, 0.5 * case.stop / (REFERENCE_ROWS - 1)
+    record = [*case.exact, *case.changes]
+    steps = [case.stop / (round(case.stop / case.step) * 2 ** (k + 2)) for k in range(halvings)]
+    for algorithm, h in product(case.algorithms or algorithms, steps):
+        settings = {"stop": case.stop, "algorithm": algorithm, "record": record}
         try:
             with nested_runs(case.system, h, case.runner, settings) as runs:
                 estimates = estimates_of(metrics, runs)
-                for column, true in truths.items():
-                    of_rows = partial(_by_rows, column, true["level"])
-                    estimates |= estimates_of(of_rows, runs)
         except SimulationError as error:  # a step beyond the limit of stability
             print(name, algorithm, h, error, file=sys.stderr)
             continue
         for key, got in estimates.items():
-            method, column, figure = key.split("|")
-            true = truths.get(column) or {"event": case.changes[column][1]}
-            size = case.stop if figure in ("crossing", "event") or "time" in figure else max(
-                abs(true["max"]), abs(true["min"]))  # fmt: skip
-            step = h.tolerance if isinstance(h, Adaptive) else h
-            yield Verdict(
-                f"{name} {column}", algorithm, step, method, figure, true[figure], got.value,
-                got.error, got.order, size, case.promises.get(figure),
+            figure, (true, certain) = key.split("|")[1], truths[key]
+            error = None if got.error is None else got.error + certain
+            yield Judged(
+                f"{name} {algorithm} {h:.3g} {key}", figure, Stated.of(got.value, error, true),
+                case.promises.get(figure),
             )  # fmt: skip
 
 
-def _by_rows(column: str, level: float, result: Result) -> dict[str, float]:
-    """The figures of the rows of a column."""
-    t, x = result["time"], result[column]
-    return {f"by rows|{column}|{n}": float(of(t, x, level)) for n, (_, of) in FIGURES.items()}
-
-
-def complaints(kind: str, verdicts: Sequence[Verdict]) -> Iterator[str]:
-    """What the errors of a kind of systems must keep and do not."""
-    most, worst = DEMANDS.get(kind, DEMAND)
-    stated = [v for v in verdicts if v.error is not None]
-    outside = float(np.mean([v.ratio > 1.0 for v in stated] or [0.0]))
-    if outside > most:
-        yield f"{outside:.2%} outside, {kind}"
-    yield from (f"off by {v.ratio:.2f} times its error: {v}" for v in stated if v.ratio > worst)
-    yield from (f"not refused: {v}" for v in stated if v.promise is False)
-    refused = [v.error is None for v in verdicts if v.promise]
-    if refused and np.mean(refused) > MOST_REFUSED:
-        yield f"{np.mean(refused):.1%} refused of what can be determined, {kind}"
-
-
-def cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
-    """Systems whose solution is known, with parameters drawn by a seed."""
-    draw = uniform_sampler(seed)
-    for name, halved in nonlinear(draw).items():
+def nonlinear_cases(seed: int, half: Path) -> Iterator[tuple[str, Case]]:
+    """Nonlinear systems, with parameters drawn by a seed."""
+    for name, halved in nonlinear(uniform_sampler(seed)).items():
         yield name, coupled(halved, half)
-    for name, (units, stop, step) in matrices(draw).items():
-        yield name, exact_units(units, stop, step)
 
 
 def uniform_sampler(seed: int) -> Callable[[float, float], float]:
@@ -555,22 +399,15 @@ def known_trials(kind: str, seeds: Sequence[int]) -> list[Trial]:
     for seed in seeds:
         for name, case in _cases_of(kind, seed):
             began = time.process_time()
-            verdicts = list(judged(name, case))
-            seconds = time.process_time() - began
-            figures = {
-                f"{v.system}|{v.algorithm}|{v.step:.3g}|{v.method}|{v.figure}": Stated.of(
-                    v.value, v.error and v.error + v.truth_error, v.true
-                )
-                for v in verdicts
-            }
-            trials.append(Trial(kind, seed, figures, seconds, "", name))
+            figures = {x.name: x.stated for x in judged(name, case)}
+            trials.append(Trial(kind, seed, figures, time.process_time() - began, "", name))
     return trials
 
 
 def _cases_of(kind: str, seed: int) -> Iterator[tuple[str, Case]]:
     sampler = uniform_sampler(seed)
     if kind == "synthetic":
-        yield from ((name, case) for name, _, case in synthetic_cases(sampler))
+        yield from synthetic_cases(sampler).items()
     elif kind == "machines":
         for name, arguments in machines(sampler, FMUS / "native").items():
             yield name, integrated(*arguments)
@@ -579,7 +416,7 @@ def _cases_of(kind: str, seed: int) -> Iterator[tuple[str, Case]]:
 
         with tempfile.TemporaryDirectory() as folder:
             FmuBuilder.build_FMU(ROOT / "tests" / "hosts" / "half.py", dest=folder)
-            yield from cases(seed, Path(folder) / "Half.fmu")
+            yield from nonlinear_cases(seed, Path(folder) / "Half.fmu")
 
 
 STUDY = Study(

@@ -354,9 +354,13 @@ class Crossing(Metric):
         return Swing(self.column, begin=self.begin, end=self.end)
 
     def rivals(self, curves: Curves, error: float, apart: float) -> Array:
-        """The first times at which levels beside its own are passed, as where it is only just reached."""
+        """The first times at which levels beside its own are passed elsewhere, as where it is only just reached."""
         levels = (self.level - error, self.level, self.level + error)
-        low, time, high = (float(replace(self, level=x)(curves)[0]) for x in levels)
+        low, time, high = times = [float(replace(self, level=x)(curves)[0]) for x in levels]
+        begin, end = min(times) - apart, max(times) + apart
+        passed = [t for x in levels for t in passings(curves, x) if begin <= t <= end]
+        if len(passed) == len(levels):  # once each: one slope, whose error is that of the time
+            return np.empty(0)
         other = np.array([low, high])
         return other[~(np.abs(other - time) <= apart)]
 
