@@ -302,31 +302,6 @@ def test_the_tutorial_prints_what_it_says(tree: Path) -> None:
     assert (tree / "results" / "tutorial.png").stat().st_size > 20_000
 
 
-def table_of(page: str, heading: str) -> dict[str, dict[str, str]]:
-    """The rows of the table of a page whose header begins so, by their first cell and the header's names."""
-    _, _, text = text_of(page).partition(f"| {heading} |".replace("  ", " "))
-    head, _, *lines = text.partition("\n\n")[0].splitlines()
-    names = [name.strip() for name in head.split("|")[:-1]]
-    cells = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
-    return {first: dict(zip(names, rest)) for first, *rest in cells}
-
-
-def test_the_readme_says_of_the_masters_what_their_page_says() -> None:
-    columns = {
-        "conveyor drive, set A": "conveyor_drive_a",
-        "two masses": "two_masses",
-        "controlled drive": "controlled_drive",
-    }
-    page = {
-        re.sub(r" \d[\d.]+", "", name): row
-        for name, row in table_of("docs/masters.md", "master, steps of 1 ms").items()
-    }
-    for label, row in table_of("README.md", "").items():
-        name = label.removesuffix(" (the default)")
-        for master in [name] if name in page else name.split(", "):
-            assert [row[x] for x in columns] == [page[master][x] for x in columns.values()]
-
-
 def test_the_first_command_answers_as_the_readme_shows(tmp_path: Path) -> None:
     """Word by word; numbers within one unit of the last digit shown; and with its picture."""
     answer = ask("resonance")

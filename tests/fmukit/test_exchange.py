@@ -9,7 +9,6 @@ from collections.abc import Callable
 from ctypes import POINTER, c_double
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,13 +17,12 @@ from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, fmi2Discard
 
-from fmukit.declare.interface import co_simulation_only_reason, component_name
-from fmukit.declare.model import DEFAULTS
-from fmukit.declare.record import declarations, discrete, record
+from fmukit.declare.interface import component_name
+from fmukit.declare.record import declarations
 from fmukit.declare.record import start as begin
 from fmukit.runtime import hybrid
 from tests.conftest import ROOT
-from tests.fmukit.test_native import MODELS, NAMES, each
+from tests.fmukit.test_native import MODELS, NAMES
 from tests.hosts.host import Unit, unpacked
 from tests.oracle import events_and_end
 
@@ -176,33 +174,6 @@ def pointer(values: np.ndarray) -> Any:
     return values.ctypes.data_as(POINTER(c_double))
 
 
-MOVING: dict[str, dict[str, Any]] = {
-    "IronDrive": {"phi": 0.6, "w_cam": 2.0},
-    "GravityOrientator": {"stage": 2, "phi1": 1.0, "phi2": 5.8, "w1": 4.0, "w2": 9.0,
-                          "release": False},
-    "ShaftLink": {"twist": 0.03},
-    "DCMotor": {"i": 7.0},
-    "UnbalanceExciter": {"phi": 1.0, "w": 35.0, "x": 0.01, "v": 1.0},
-}  # fmt: skip
-
-
-@each
-def test_states_derivatives_and_nominals_are_those_of_the_description(
-    name: str, fmus: Path
-) -> None:
-    fmu = fmus / "native" / f"{name}.fmu"
-    model = Model(fmu, **MOVING.get(name, {}))
-    states = [u.variable.derivative for u in model.description.derivatives]
-    assert [s.name for s in states] == model.states != []
-    assert model.x.tolist() == [model.get(n) for n in model.states]
-    nominals = model.all("NominalsOfContinuousStates", model.nx)
-    assert nominals.tolist() == [float(s.nominal or 1.0) for s in states]
-    rates = model.all("Derivatives", model.nx)
-    assert rates.tolist() == [model.get(f"der({n})") for n in model.states]
-    slave = Unit(fmu).start(**MOVING.get(name, {}))
-    assert rates.tolist() == [slave.get(f"der({n})") for n in model.states]
-
-
 REFUSED: tuple[tuple[str, Callable[[Model], Any], str], ...] = (
     ("event", lambda m: m.fmi.completedIntegratorStep(),
      "completedIntegratorStep is not allowed in event mode, only in continuous-time mode"),
@@ -267,17 +238,3 @@ def test_a_host_that_overlooks_an_event_gets_a_message(fmus: Path) -> None:
     assert model.fmi.newDiscreteStates()[3]
     assert model.get("w_cam") == 0.0
     assert model.get("direction") == -1
-
-
-def test_what_changes_only_at_communication_points_stays_co_simulation() -> None:
-    clock = record(type("State", (), {"__annotations__": {"n": int}, "n": discrete(0, "Count")}))
-    sampled = {"State": clock, "sample": lambda p, t, x, before, now: x}
-    model: Any = SimpleNamespace(**DEFAULTS | sampled)
-    assert (
-        co_simulation_only_reason(model)
-        == "it has no continuous state and changes only at communication points"
-    )
-    declared = {"State": MODELS["IronDrive"].State, "CO_SIMULATION_ONLY": "its step is exact"}
-    model = SimpleNamespace(**DEFAULTS | declared)
-    assert co_simulation_only_reason(model) == "its step is exact"
-    assert not any(map(co_simulation_only_reason, MODELS.values()))

@@ -179,22 +179,6 @@ def test_an_importer_sees_within_a_step_what_shorter_steps_reach(events: bool) -
     assert unit.outputs() == plain.outputs()
 
 
-def test_an_importer_may_end_a_step_where_it_reads() -> None:
-    def look(_: Any, time: float, *rest: Any) -> None:
-        *_, allowed, wanted, until = rest
-        assert allowed
-        wanted[0] = time > 0.02
-
-    options = {"earlyReturnAllowed": True, "intermediateUpdate": look}
-    unit = Unit3("IronDrive", **options).start(phi=0.6, w_cam=2.0)
-    event, _, early, t = unit.fmi.doStep(0.0, 0.04)
-    assert (event, early, t) == (False, True, 0.025)
-    assert unit.get("time") == 0.025
-    shorter = Unit3("IronDrive").start(phi=0.6, w_cam=2.0)
-    shorter.fmi.doStep(0.0, 0.025)
-    assert unit.outputs() == shorter.outputs()
-
-
 def test_what_is_not_in_order_is_refused_with_the_reason() -> None:
     def refusal(unit: Any, call: Callable[[], Any]) -> str:
         with pytest.raises(FMICallException) as raised:

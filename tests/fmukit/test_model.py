@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from fmukit.codegen.entries import generate
@@ -129,21 +128,8 @@ def test_a_misspelt_constant_with_a_type_and_a_misspelt_record_are_refused(tmp_p
             load_text(COMPLETE.replace(right, wrong), tmp_path)
 
 
-def test_a_helper_may_have_almost_the_name_of_an_optional_function(tmp_path: Path) -> None:
-    text = without("complete_state").replace("x.w * p.c", "completed_state(x) * p.c")
-    model = load_text(text + "def completed_state(x):\n    return x.w\n", tmp_path)
-    assert model.complete_state is DEFAULTS["complete_state"]
-
-
 @pytest.mark.parametrize("name", [name for name in DEFAULTS if f"def {name}(" in COMPLETE])
 def test_a_function_with_other_arguments_is_refused(name: str, tmp_path: Path) -> None:
     text = re.sub(rf"def {name}\(.*\)", f"def {name}(p, z, y, x, w, v, u)", COMPLETE)
     with pytest.raises(ModelError, match=re.escape(f"write def {name}({FUNCTIONS[name]})")):
         load_text(text, tmp_path)
-
-
-def test_the_complete_wheel_uses_all_its_parts(tmp_path: Path) -> None:
-    warnings, rows, sentences, *_ = behaviour(load_text(COMPLETE, tmp_path))
-    assert (warnings, sentences) == (["unusual"], ["bump"])
-    assert rows[0].w == 7.0
-    assert np.array(rows)[:, 2].tolist() == [0.0] * 3 + [1.0] * 7

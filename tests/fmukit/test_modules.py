@@ -10,8 +10,6 @@ import pytest
 
 from fmukit.fmu.load import ModelError, load
 from fmukit.fmu.make import make_all
-from fmukit.fmu.python import package
-from fmukit.trace.modules import modules
 from tests.fmukit.test_strangers import compare_with_equations, run
 from tests.hosts.host import Equations, Unit
 
@@ -79,29 +77,6 @@ def test_a_model_that_is_not_traced_carries_its_files(tmp_path: Path) -> None:
     assert names >= {"model.py", *FILES}
     model = load(path)
     assert np.array_equal(run(Unit(fmu), model), run(Equations(model), model))
-
-
-def test_a_change_of_any_file_makes_another_fmu(tmp_path: Path) -> None:
-    path = write_model(tmp_path / "swing")
-    guids = [package.hashed_build(load(path)).guid]
-    for file in (path, *(path.with_name(name) for name in FILES)):
-        file.write_text(file.read_text() + "# changed\n")
-        guids.append(package.hashed_build(load(path)).guid)
-    assert len(set(guids)) == len(guids)
-    path.with_name("notes.py").write_text("# not imported\n")
-    assert package.hashed_build(load(path)).guid == guids[-1]
-
-
-def test_models_of_the_same_name_keep_to_their_files(tmp_path: Path) -> None:
-    first = load(write_model(tmp_path / "a" / "swing"))
-    second = load(
-        write_model(tmp_path / "b" / "swing", geometry=GEOMETRY.replace("p.l / 2", "p.l / 3"))
-    )
-    names = {module.__name__.rpartition(".")[2] for module in modules(first)}
-    assert names == {"model", "declarations", "geometry"}
-    assert not {*map(id, modules(first))} & {*map(id, modules(second))}
-    p = first.Parameters(0.6, 1)
-    assert (first.geometry.length(p), second.geometry.length(p)) == (0.3, 0.6 / 3)
 
 
 @pytest.mark.parametrize(

@@ -67,21 +67,6 @@ def test_an_impulse_of_a_landing_that_never_was_is_refused() -> None:
     assert stopped.figures["hook_impulse"].error is None
 
 
-@pytest.mark.parametrize("friction", [0.35, 0.6])
-@pytest.mark.parametrize("speed", [2.1, 5.2, 8.4])
-def test_the_least_reaction_of_the_wall_is_determined_with_long_steps(
-    speed: float, friction: float
-) -> None:
-    """The stage of turning lasts 60 ms; a run with steps of 40 ms has one row of it."""
-    coarse, fine = (
-        ask("orientator_cycle", speed=speed, friction=friction, step=step).figures["wall_least"]
-        for step in (0.01, 1e-3)
-    )
-    assert coarse.error is not None and fine.error is not None, coarse.reason
-    assert abs(coarse.value - fine.value) <= coarse.error + fine.error
-    assert coarse.error < 0.02
-
-
 def test_a_run_up_that_passes_its_resonance_by_a_hundred_errors_has_a_time() -> None:
     """Its speed comes back to 0.177 rad/s above it, with an error of 0.001 rad/s."""
     start = {

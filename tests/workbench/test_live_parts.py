@@ -172,99 +172,67 @@ PANEL = RunPanel("angle", {"orientator.phi1": "red"}, "deg")
 PLAIN = Live(sliders=[Slider("speed", 1.0, 5.0)], charts=[RunChart("A", "time [s]", [PANEL])])
 
 
-def refused(**changes: Any) -> str:
-    with pytest.raises(SetupError) as error:
+def with_panel(**changes: Any) -> dict[str, Any]:
+    """Another panel in the only chart."""
+    return {"charts": [RunChart("A", "time [s]", [replace(PANEL, **changes)])]}
+
+
+def with_number(value: Any, **more: Any) -> dict[str, Any]:
+    """A value of the figure of the product."""
+    return {"numbers": [Number("orientation_time", value, **more)]}
+
+
+def with_reader(*values: Any, **more: Any) -> dict[str, Any]:
+    """The same, read of the rows of a run."""
+    return with_number(Reader(*values, **more))
+
+
+FIRST, SECOND = Number("one", "figures.two", "s", "one"), Number("two", "stop", "s", "two")
+CHART, W = PLAIN.charts[0], "orientator.w1"
+MISFITS: list[tuple[dict[str, Any], str]] = [
+    ({"sliders": [Slider("orientator.cup.x", 0.0, 1.0)]},
+     "slider 'orientator.cup.x' is neither an option nor a start value"),
+    ({"stop": "0 * speed"}, "stop = '0 * speed' is 0 s, but must be above 0"),
+    ({"start": {"orientator.nothing": "speed"}}, "start: "),
+    ({"start": {"orientator.w": "sped"}}, "uses 'sped', which is no option"),
+    ({"factors": {"orientator.w": "speed"}}, "no wire leads to 'orientator.w'"),
+    (with_panel(curves={"orientator.phi9": "red"}), "did you mean phi2?"),
+    (with_panel(unit="mm"), "is in rad, which does not convert to mm"),
+    (with_panel(curves={"2 * orientator.phi1": "red"}, unit=""), "chart 'A': panel 'angle' needs a unit, as in unit='m'"),
+    ({"charts": [replace(CHART, x="crank_angle")]}, "crank_angle needs `angle`"),
+    ({"charts": [replace(CHART, window="figures.two")]}, "chart 'A': the formula 'figures.two'"),
+    (with_reader("median", W), "'median' must be one of last, change, max"),
+    (with_reader("amplitude", W), "amplitude needs the window 'revolution'"),
+    ({"angle": "orientator.phi1", "numbers": [Number("lag", Reader("phase", W, REVOLUTION), "rad", "lag")]},
+     "phase is an angle in deg, not in rad"),
+    (with_reader("mean", W, REVOLUTION), "a revolution needs `angle`"),
+    (with_reader("last", W, run="second"), "there is no run 'second'"),
+    (with_reader("max", f"abs({W})"), f"'abs({W})' is not in s, with {W} in rad/s"),
+    (with_reader("first_crossing", W, level="stop"), "level: 'stop' is not in rad/s"),
+    (with_number(Integral(W)), "a page has no metric; write a Reader"),
+    (with_number("1", unit="ms"), "has the unit 'ms', its figure 's'"),
+    ({"numbers": [Number("new", "1")]}, "is no figure of the answer, so it must have unit and meaning"),
+    ({"numbers": [FIRST, SECOND]}, "uses 'figures.two', which is no number of this page"),
+    ({"until": "figures.two"}, "uses 'figures.two'"),
+    ({"until": REVOLUTION}, "until must be a time"),
+    ({"sweep": LiveSweep("nothing", [1, 2], "step", [], CHART)}, "sweep over 'nothing'"),
+    ({"sweep": LiveSweep("speed", [1.0], "step", [], CHART)}, "needs two values"),
+    ({"runs": [LiveRun(start={"x.y": 1.0})]}, "start of a run: "),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "message"), MISFITS, ids=lambda x: str(x)[:40])
+def test_a_declaration_that_does_not_fit_is_a_clear_line(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SetupError, match=re.escape(message)):
         built(replace(PLAIN, **changes))
-    return str(error.value)
 
 
-def with_panel(**changes: Any) -> list[RunChart]:
-    return [RunChart("A", "time [s]", [replace(PANEL, **changes)])]
-
-
-def with_number(value: Any, **more: Any) -> list[Number]:
-    return [Number("orientation_time", value, **more)]
-
-
-def test_a_declaration_that_does_not_fit_is_a_clear_line() -> None:
-    part = built(PLAIN)
-    assert part.data["columns"] == ["orientator.phi1"]
-    counted = built(
-        replace(
-            PLAIN,
-            charts=with_panel(curves={"orientator.stage": ("stage", "red", "step")}, unit="1"),
-        )
-    )
-    assert "tickvals" not in counted.data["charts"][0]["picture"]["wide"]["yaxis1"]
-    assert built(None) is None
-    with pytest.raises(SetupError, match=r"must return a workbench.live.Live"):
-        built((3,))
-    cup = [Slider("orientator.cup.x", 0.0, 1.0)]
-    assert (
-        refused(sliders=cup) == "slider 'orientator.cup.x' is neither an option nor a start value"
-    )
-    assert "stop = '0 * speed' is 0 s, but must be above 0" in refused(stop="0 * speed")
-    assert "start: " in refused(start={"orientator.nothing": "speed"})
-    assert "uses 'sped', which is no option" in refused(start={"orientator.w": "sped"})
-    assert "no wire leads to 'orientator.w'" in refused(factors={"orientator.w": "speed"})
-    text = refused(charts=with_panel(curves={"orientator.phi9": "red"}))
-    assert "has no variable 'phi9'" in text and "did you mean phi2?" in text
-    assert "is in rad, which does not convert to mm" in refused(charts=with_panel(unit="mm"))
-    text = refused(charts=with_panel(curves={"2 * orientator.phi1": "red"}, unit=""))
-    assert text == "chart 'A': panel 'angle' needs a unit, as in unit='m'"
-    assert "crank_angle needs `angle`" in refused(
-        charts=[replace(PLAIN.charts[0], x="crank_angle")]
-    )
-    text = refused(numbers=with_number(Reader("median", "orientator.w1")))
-    assert "'median' must be one of last, change, max" in text
-    text = refused(numbers=with_number(Reader("amplitude", "orientator.w1")))
-    assert "amplitude needs the window 'revolution'" in text
-    text = refused(
-        angle="orientator.phi1",
-        numbers=[Number("lag", Reader("phase", "orientator.w1", REVOLUTION), "rad", "lag")],
-    )
-    assert "phase is an angle in deg, not in rad" in text
-    text = refused(numbers=with_number(Reader("mean", "orientator.w1", REVOLUTION)))
-    assert "a revolution needs `angle`" in text
-    text = refused(numbers=with_number(Reader("last", "orientator.w1", run="second")))
-    assert "there is no run 'second'" in text
-    text = refused(numbers=with_number(Reader("max", "abs(orientator.w1)")))
-    assert "'abs(orientator.w1)' is not in s, with orientator.w1 in rad/s" in text
-    text = refused(numbers=with_number(Reader("first_crossing", "orientator.w1", level="stop")))
-    assert "level: 'stop' is not in rad/s" in text
-    text = refused(numbers=with_number(Integral("orientator.w1")))
-    assert "a page has no metric; write a Reader" in text
-    first, second = Number("one", "figures.two", "s", "one"), Number("two", "stop", "s", "two")
-    assert "uses 'figures.two', which is no number of this page" in refused(numbers=[first, second])
-    assert "uses 'figures.two'" in refused(until="figures.two")
-    assert "until must be a time" in refused(until=REVOLUTION)
-    text = refused(charts=[replace(PLAIN.charts[0], window="figures.two")])
-    assert "chart 'A': the formula 'figures.two'" in text
-    swept = RunChart(
-        "S", "speed", [RunPanel("x", {"figures.two": "red"}, "s", {"level": "figures.two"})]
-    )
-    sweep = LiveSweep("speed", [1.0, 2.0], "step", [second], swept)
-    assert "uses 'figures.two'" in refused(numbers=[second], sweep=sweep)
-    assert built(
-        replace(
-            PLAIN,
-            numbers=[
-                second,
-                first,
-                replace(second, name="three", when="figures.four"),
-                replace(second, name="four"),
-            ],
-            until="figures.one",
-        )
-    )
-    text = refused(numbers=with_number("1", unit="ms"))
-    assert "has the unit 'ms', its figure 's'" in text
-    text = refused(numbers=[Number("new", "1")])
-    assert "is no figure of the answer, so it must have unit and meaning" in text
-    chart = PLAIN.charts[0]
-    assert "sweep over 'nothing'" in refused(sweep=LiveSweep("nothing", [1, 2], "step", [], chart))
-    assert "needs two values" in refused(sweep=LiveSweep("speed", [1.0], "step", [], chart))
-    assert "start of a run: " in refused(runs=[LiveRun(start={"x.y": 1.0})])
+def test_a_declaration_that_fits_has_its_columns_in_any_order_of_its_numbers() -> None:
+    assert built(PLAIN).data["columns"] == ["orientator.phi1"]
+    later = replace(SECOND, name="three", when="figures.four"), replace(SECOND, name="four")
+    assert built(replace(PLAIN, numbers=[SECOND, FIRST, *later], until="figures.one"))
 
 
 def test_a_sweep_of_a_single_speed_costs_the_live_sweep_and_not_the_answer() -> None:

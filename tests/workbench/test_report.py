@@ -30,7 +30,6 @@ from workbench.answer import Answer, Show, Table
 from workbench.catalog import names
 from workbench.charts import model as pictures
 from workbench.charts import mpl, plotly
-from workbench.charts.axes import x_axis
 from workbench.charts.gif import gif
 from workbench.charts.layout import layout_of
 from workbench.charts.model import (
@@ -130,31 +129,6 @@ def sample_chart() -> Chart:
     )  # fmt: skip
 
 
-def test_a_chart_holds_the_values_their_errors_and_ranges() -> None:
-    chart, plotted = sample_chart(), plotly.figure(sample_chart())
-    curve_data, axes, data = curves(chart), named(plotted), plotted["data"]
-    for panel in (panel for panel in chart.panels if isinstance(panel, Panel)):
-        for curve in panel.curves:
-            label = panel.quantity if panel.is_flag else panel.label
-            assert_allclose(curve_data[label, curve.name], curve.y, rtol=1e-6)
-    assert axes["force [N]"]["range"] == pytest.approx([0.0, 11.55])
-    assert axes["energy [J]"]["range"] == pytest.approx([0.0, 31.5])
-    assert axes["torque [N.m]"]["range"][1] > 2.5
-    assert_allclose(curve_data["torque [N.m]", "rated"], 2.5)
-    assert (axes["done"]["tickvals"], axes["done"]["ticktext"]) == ([0.0, 1.0], ["no", "yes"])
-    traces: dict[str, Any] = {}
-    for trace in data:
-        traces.setdefault(trace.get("name", ""), []).append(trace)
-    assert traces["seen"][0]["y"][:3] == pytest.approx([np.sin(1) - 0.1, np.sin(1) + 0.1, None])
-    assert traces["flag"][0]["line"]["shape"] == "hvh"
-    low, high, _ = traces["force"]
-    assert (low["y"][-1], high["y"][-1], high["fill"]) == (9.0, 11.0, "tonexty")
-    assert [trace["y"][-1] for trace in traces["stored"]] == [10.0, 30.0]
-    assert_allclose(
-        plotted["wide"]["xaxis2"]["range"], [x * 30 / math.pi for x in x_axis(chart).ends]
-    )
-
-
 def test_a_headline_keeps_a_number_with_its_unit() -> None:
     """Of any length, so that each place between them comes to an end of a line."""
     for length in range(120, 160):
@@ -203,11 +177,6 @@ def test_a_field_is_coloured_by_its_logarithm_with_levels_and_curves_over_it() -
     bar = plotly.figure(heat_map)["wide"]["coloraxis"]["colorbar"]
     assert (bar["tickvals"][0], bar["ticktext"][0], bar["ticktext"][-1]) == (-2.0, "0.01", "100")
     assert [set(trace["x"]) - {None} for trace in (rim, line)] == [{0.5}, {0.5}]
-    rendered = mpl.render([heat_map], "")
-    axes, colors = rendered.subfigs[0].axes
-    assert axes.collections[0].get_clim() == (-2.0, 2.0)
-    assert axes.get_yscale() == "log"
-    assert [text.get_text() for text in colors.get_yticklabels()] == bar["ticktext"]
 
 
 #: By case and part of the name of its table: a panel's quantity, its curve, and the column.

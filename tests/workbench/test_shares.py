@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -61,12 +60,6 @@ def test_a_limit_gives_the_share_above_it(tmp_path: Path) -> None:
     assert row[["limit", "above", "open", "runs"]].tolist() == [15.0, above.sum(), near.sum(), 64]
     low, high = interval(above.sum(), 64)[0], interval(above.sum() + near.sum(), 64)[1]
     assert row[["low", "high"]].tolist() == [low, high]
-    first, second = answer.verdict.splitlines()[:2]
-    share = f"{100 * above.sum() / 64:.3g} %, 95 % interval {100 * low:.3g} to {100 * high:.3g} %"
-    assert first.startswith(f"height is above 15 m in {above.sum()} of 64 runs ({share})")
-    assert second.startswith("root is above 3 m1/2 in 0 of 64 runs (0 %, 95 % interval 0 to 5.6 %)")
-    facts = json.loads((tmp_path / "out" / "study.json").read_text())
-    assert facts["limits"][0]["above"] == above.sum()
     for raw, wanted in (("20.0", "above 20 m in "), ('"16m"', "above 16 m in ")):
         other = write(tmp_path, LIMITS.replace('"1500cm"', raw))
         again = study.run(study.load(other), out=tmp_path / "out", jobs=1)

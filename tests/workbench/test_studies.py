@@ -29,7 +29,6 @@ from workbench.project import NO_PROJECT
 from workbench.runs.journal import NAME
 from workbench.study import sensitivity
 from workbench.study.file import Sampling
-from workbench.study.report import _causes
 
 GRID = """
 scenario = "plane.py"
@@ -322,13 +321,10 @@ def test_a_study_without_any_answer_says_so_by_its_exit_code(
     assert "Run 0: refused: this point is refused" in capsys.readouterr().out
 
 
-def test_the_table_reports_inputs_figures_errors_and_units(
-    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_table_reports_inputs_figures_errors_and_units(write: Write, tmp_path: Path) -> None:
     out = tmp_path / "out"
     path = write(GRID.replace("from = 0.0", "from = -1.0"))
     assert main(["study", str(path), "--out", str(out)], NO_PROJECT, "x") == 0
-    output = capsys.readouterr().out
     rows = table(out)
     assert list(rows[0]) == [
         "run", "x", "y", "height", "height_error", "answer.y", "answer.y_error", "root", "root_error",
@@ -353,18 +349,10 @@ def test_the_table_reports_inputs_figures_errors_and_units(
         pd.read_csv(out / "table.csv").assign(warnings="").fillna({"message": ""})
     )
     assert (out / "study.toml").read_text() == path.read_text()
-    assert output.startswith(
-        "height lies between 7.0 and 23.0 m in all 10 runs, with a mean of 15.0 m"
-    )
-    assert (
-        "\nroot lies between 0.00 and 1.00 m1/2 in the 6 of 10 runs that have it, with a" in output
-    )
-    assert "\n1 more figure in the table.\n10 runs, 10 of them now in " in output
     assert (out / "overview.png").stat().st_size > 10_000
     again = study.run(study.load(path), out=out)
     assert "10 runs, 0 of them now" in again.verdict
     assert again.first_table["height"].tolist() == [float(row["height"]) for row in rows]
-    assert again.tables["table.csv"].units["height_error"] == "m"
 
 
 GATED = """
@@ -448,9 +436,6 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
         study.run(study.load(tmp_path / "some.toml"), out=out)
     page.write_text(before)
     assert rows(out) == stored
-    commented = study.load(write(f"# a remark\nfigures = ['height']\n{GRID}"))
-    assert "0 of them now" in study.run(commented, out=out).verdict
-    refused(f"figures = ['width']\n{GRID}", "no run has 'width', only height, y, root, high")
 
 
 def test_more_time_is_for_the_runs_that_had_too_little(write: Write, tmp_path: Path) -> None:
@@ -566,8 +551,6 @@ def test_the_verdict_names_the_input_that_a_figure_depends_on_most(
     assert re.search(r"^height lies .* m; it depends most on y \(S1 = 0.5", outcome.verdict)
     assert re.search(r"\nroot lies .* m1/2; it depends most on x \(S1 = ", outcome.verdict)
     assert (tmp_path / "out" / "sensitivity.png").stat().st_size > 10_000
-    vague = outcome.tables["sensitivity.csv"].frame.assign(confidence=1.1)
-    assert set(_causes(vague).values()) == {"; no input stands out"}
 
 
 def test_without_salib_a_study_keeps_its_rows_and_says_what_to_install(
@@ -585,7 +568,7 @@ def test_without_salib_a_study_keeps_its_rows_and_says_what_to_install(
         study.load(path)
 
 
-def test_indices_leave_out_what_failed_and_say_when_none_remain() -> None:
+def test_indices_leave_out_what_failed() -> None:
     sampling = Sampling("saltelli", 64, 7)
     x = sampling.cube(2)
     y = x @ [3.0, 1.0]
@@ -593,17 +576,3 @@ def test_indices_leave_out_what_failed_and_say_when_none_remain() -> None:
     indices = indices_of(sampling, x, y)
     assert {index.runs for index in indices} == {4 * 62}
     assert indices[0].value == pytest.approx(0.9, abs=0.1)
-    mostly_failed = np.where(np.arange(4 * 64) < 4 * 50, np.nan, y)
-    for method, number, y, why in (
-        ("saltelli", 64, mostly_failed, "14 complete samples are too few; at least 16"),
-        ("lhs", 128, np.full(128, 3.0), "it does not vary"),
-        (
-            "lhs",
-            128,
-            1.0 * (np.arange(128) != 5),
-            "too few runs differ to determine a confidence inter",
-        ),
-    ):
-        sampling = Sampling(method, number, 7)
-        message = sensitivity.indices(sampling, "ab", sampling.cube(2), "f", y)
-        assert isinstance(message, str) and message.startswith(why)
