@@ -11,9 +11,10 @@ from ..system import Network, Value, conversion_to, value_of_text
 from ..system.start_values import checked_start
 from ..table_file import read_cells
 from ..units import is_common
-from .ssp.files import Budget, load_valid
+from .ssp.files import Budget
 from .ssp.parameters import parameters_of
 from .ssp.plan import Node, Plan
+from .ssp.rules import load_valid
 from .ssp.units import definitions
 
 COLUMNS = ("name", "value", "unit")
@@ -37,7 +38,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     root = load_valid(path, "ssv:ParameterSet")
     assigned: set[Node] = set()
-    for parameter in parameters_of(root, "", path.name, definitions(root, path.name)).values():
+    for parameter in parameters_of(root, "", path.name, definitions(root)).values():
         nodes = _variables_named(plan, root_path, parameter.name)
         if not nodes and parameter.name in network.system.connectors:
             port = network.port(parameter.name)

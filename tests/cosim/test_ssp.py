@@ -463,7 +463,7 @@ def test_dialects_of_other_tools(read: Read, caplog: pytest.LogCaptureFixture) -
         start = read(structure).system.start
     assert start == {"part.T": 0.05, "part.characteristic": 1}
     assert [text.partition(": ")[2] for text in caplog.messages] == [
-        "characteristic: there is no Enumeration 'E'",
+        "the enumeration 'E' is not defined in the file",
         "1 entries without a source",
     ]
 
@@ -483,8 +483,8 @@ def test_what_does_no_harm_is_a_warning(
     warnings = [text.replace("SystemStructure.ssd, line", "at") for text in caplog.messages]
     assert re.sub(r"at \d+", "at", "\n".join(warnings)).splitlines() == [
         "at: connector characteristic has an Enumeration without a name; that of the FMU is taken",
-        "at and in 1 more places: attribute delay of Component is not one of SSP and is ignored",
-        "at and in 1 more places: attribute y of Component is not one of SSP and is ignored",
+        "at: attribute delay of Component is not one of SSP and is ignored (and in 1 more places)",
+        "at: attribute y of Component is not one of SSP and is ignored (and in 1 more places)",
         "motor: its FMU has no fmi_rTol and no _start; 2 parameter connectors ignored",
     ]
 
@@ -681,11 +681,11 @@ BAD: dict[str, Any] = {
     "file outside": (component('source="../other.fmu"'), "'../other.fmu' points outside the folder"),
     "file elsewhere": (component('source="http://a.b/c.fmu"'), "only files inside the package"),
     "no FMU": (component('source="text.fmu"'), "is not a valid FMU", {"text.fmu": "text"}),
-    "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), "there is no element 'engine' in the system"),
+    "dangling element": (flat(ends=SPACE.format("engine", "w", "motor", "w")), "the system has no element 'engine'"),
     "dangling connector": (flat(ends=SPACE.format("conveyor", "speed", "motor", "w")), "there is no connector conveyor.speed"),
     "connector without variable": (component(FMU, connectors(("speed", "input", ""))), "part has no speed"),
-    "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), "part has two connectors w"),
-    "duplicate element": (ssd(MOTOR.format("") * 2), "motor: there are two elements motor"),
+    "duplicate connector": (component(FMU, connectors(("w", "input", ""), ("w", "input", ""))), "part: Connector 'w' is given twice"),
+    "duplicate element": (ssd(MOTOR.format("") * 2), "Component 'motor' is given twice"),
     "driven twice": (flat(ends=ENDS + ENDS), "motor.w is also driven by conveyor.w"),
     "two outputs": (flat(ends=SPACE.format("conveyor", "w", "motor", "tau")), "output conveyor.w and output motor.tau cannot be connected"),
     "wrong kind": (component(FMU, connectors(("w", "output", ""))), "connector w must be of kind input, not output"),
@@ -701,8 +701,8 @@ BAD: dict[str, Any] = {
         ssd(MOTOR.format("") + system_in("line", INSIDE[0], INSIDE[2], OUTWARD.format(' suppressUnitConversion="true"/>')), W.format("line", "w", "/>")),
         "its source has no unit from which to convert to rad/s"),
     "output to parameter": (component(ECHO, echo_connectors("y", "output"), SPACE.format("part", "y", "part", "r")),
-        "output part.y cannot drive a parameter"),
-    "unit defined twice": (ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"), "'rpm' is defined twice"),
+        "output part.y and parameter part.r cannot be connected"),
+    "unit defined twice": (ssd(MOTOR.format(""), tail=f"<ssd:Units>{RPM}{RPM}</ssd:Units>"), "Unit 'rpm' is given twice"),
     "file missing in the FMU": (
         flat(motor='<ssd:ParameterBindings><ssd:ParameterBinding source="x.ssv" ' 'sourceBase="component"/></ssd:ParameterBindings>'),
         "there is no file 'x.ssv'"),
@@ -715,7 +715,7 @@ BAD: dict[str, Any] = {
     "signal dictionary": (
         ssd(MOTOR.format("")).replace("</ssd:Elements>", '</ssd:Elements><ssd:SignalDictionaries><ssd:SignalDictionary name="bus" source="b.ssb"/></ssd:SignalDictionaries>'),
         "bus: SignalDictionary is not supported"),
-    "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "version 3.0 of SSP is not supported, only 1.0 and 2.0"),
+    "version": (ssd("").replace('version="1.0"', 'version="3.0"'), "the version is '3.0', not 1.0 or 2.0"),
     "array of 2.0": (component(FMU, connectors(("w", "input", '<ssc:Float64/><ssc:Dimension size="2"/>'))).replace("1.0", "2.0", 1),
         "connector w[1]: part has no w[1]"),
     "annotated step": (flat(tail=annotated('<FixedStepAlgorithm baseStepSize="short"/>')), "baseStepSize 'short' is not a number"),
@@ -737,7 +737,7 @@ BAD: dict[str, Any] = {
             SPACE.format("a", "o", "a", "i")),
         "a.i is connected to itself"),
     "no such id": (ssd(LOOP.format("a", "#b")), "there is no System with the id 'b'"),
-    "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), "parameter T is given twice"),
+    "parameter twice": (flat(motor=bindings(values('T Real value="1";T Real value="2"'))), "Parameter 'T' is given twice"),
     "parameter type": (flat(motor=bindings(values('T Boolean value="true"'))), "parameter T: Boolean does not fit T of type Real"),
     "parameter unit": (flat(motor=bindings(values('T Real value="1" unit="N.m"'))), "parameter T: N.m cannot be converted to s"),
     "undefined unit": (flat(motor=bindings(values('T Real value="1" unit="h"'))), "unit 'h' is not defined"),
@@ -746,7 +746,7 @@ BAD: dict[str, Any] = {
     "not finite": (flat(motor=bindings(values('T Real value="INF"'))), "motor.T [s] = inf must be a finite number"),
     "output of the FMU": (flat(motor=bindings(values('P Real value="1"'))), "motor.P [W] has causality output and cannot be given a start value"),
     "invalid set": (flat(motor=bindings(values('T Real value="fast"'))), "'fast' is not a valid value"),
-    "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), "source and inline content exclude each other"),
+    "set and source": (flat(motor=bindings(values('T Real value="1"'), attributes='source="x.ssv"')), "ParameterBinding has both a source and its content inline"),
     "mapped name": (flat(motor=bindings(values('T Real value="1"'), mapped=mapping(("U", 'target="T"', "")))),
         "mapping U -> T: the parameter set has no U"),
     "no entry": (flat(conveyor=bindings(values('b Boolean value="false"'), mapped=mapping(("b", 'target="rod.finite"', TABLE)))),

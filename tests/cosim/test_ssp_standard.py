@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError, write_ssp
+from cosim.formats.ssp.rules import Severity
 from cosim.formats.ssp.standard import check_standard
-from cosim.formats.ssp.standard_report import Severity
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor
 from tests.fmukit.test_fmi3 import built
@@ -81,6 +81,7 @@ BROKEN: dict[str, tuple[str, str, str]] = {
     ),
     "an attribute of nobody": ('<ssd:Component name="a"', '<ssd:Component color="red" name="a"', "5, 6"),
     "a system of no document": ('source="gone.fmu"', 'source="#gone"', "5.4"),
+    "a value within a binding that is no number": ('<ssv:Real value="1"/>', '<ssv:Real value="fast"/>', "5, 6"),
     "a version of nobody": ('version="1.0">\n<ssd:System ', 'version="3.0">\n<ssd:System ', "5.1"),
     "a dictionary that is not there": (
         "</ssd:Elements>", '<ssd:SignalDictionaryReference name="r" dictionary="d"/></ssd:Elements>', "5.5",
@@ -132,7 +133,7 @@ def test_a_finding_names_an_element_with_braces_and_a_folder_is_no_parameter_sou
     text = text.replace("<ssd:ParameterBinding><", '<ssd:ParameterBinding source="set"><')
     (tmp_path / "set").mkdir()
     report = check_standard(written(tmp_path, HEAD.format("1.0") + text))
-    assert "a{b} has 2 connectors named 'in'" in report.text()
+    assert "a{b}: Connector 'in' is given twice" in report.text()
     assert "a{b}: there is no file 'set'" in report.text()
 
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 import re
 import zipfile
-from collections.abc import Iterable
-from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-import fmpy
 from lxml import etree
 
 from ...errors import SetupError
-from .second import downgrade_to_1_0
 
 Element = Any
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
@@ -29,15 +24,7 @@ NAMESPACES = {
 BOND = "{urn:cosim}Bond"
 FMU = "application/x-fmu-sharedlibrary"
 ROOT_SSD = "SystemStructure.ssd"
-SCHEMAS = {
-    f"{{{NAMESPACES['ssd']}}}SystemStructureDescription": "SystemStructureDescription.xsd",
-    f"{{{NAMESPACES['ssv']}}}ParameterSet": "SystemStructureParameterValues.xsd",
-    f"{{{NAMESPACES['ssm']}}}ParameterMapping": "SystemStructureParameterMapping.xsd",
-    f"{{{NAMESPACES['ssb']}}}SignalDictionary": "SystemStructureSignalDictionary.xsd",
-}
 NAMELESS = ""
-FOREIGN = "SCHEMAV_CVC_COMPLEX_TYPE_3_2_1"
-log = logging.getLogger("cosim")
 #: Largest XML file [bytes]. Chosen: far above real packages, and its tree still fits into memory.
 LONGEST_XML = 32 * 2**20
 #: Items that an element counts as. Chosen: what it takes in memory, over that of a connector.
@@ -130,16 +117,6 @@ def load(path: Path) -> Element:
     return tree.getroot()
 
 
-def load_valid(path: Path, tag: str) -> Element:
-    """The root element of a valid XML file, of which `tag` is the expected name (ssd:...).
-
-    Raises SetupError with the line and the reason.
-    """
-    root = load(path)
-    downgrade_and_validate(root, tag, path.name)
-    return root
-
-
 def require_root(element: Element, tag: str, where: str) -> None:
     """Refuse an element of another name or namespace than `tag`, {namespace}name; SetupError."""
     space, name = tag[1:].split("}")
@@ -152,64 +129,6 @@ def require_root(element: Element, tag: str, where: str) -> None:
         f"{where}: the element must be {name}, not {local_name(element)}; "
         f"its namespace must be {space}, not {actual}"
     )
-
-
-def downgrade_and_validate(element: Element, tag: str, name: str) -> None:
-    """Make an element and what is below it one of SSP 1.0 in place, and check it; raises SetupError with the line and the reason.
-
-    What SSP 2.0 has more is made 1.0 as far as a system can have it; the rest is refused.
-    Attributes that are none of SSP are foreign with a logged warning.
-    """
-    require_root(element, qualified(tag), f"{name}, line {element.sourceline}")
-    version, wide = element.get("version"), []
-    if version == "2.0":
-        wide = downgrade_to_1_0(element, name)
-    elif version not in (None, "1.0"):
-        raise SetupError(f"{name}: version {version} of SSP is not supported, only 1.0 and 2.0")
-    for kind in element.iter(qualified("ssc:Enumeration")):
-        if kind.get("name") is None and kind.getparent().tag == qualified("ssd:Connector"):
-            log.warning(
-                "%s, line %s: connector %s has an Enumeration without a name; that of the FMU is taken",
-                name, kind.sourceline, kind.getparent().get("name"),
-            )  # fmt: skip
-            kind.set("name", NAMELESS)
-    schema = load_schema(SCHEMAS[element.tag])
-    while not schema.validate(element):
-        if not _remove_foreign(element, schema.error_log, name):
-            first = schema.error_log[0]
-            raise SetupError(f"{name}, line {first.line}: {without_namespaces(first.message)}")
-    for value, text in wide:
-        value.set("value", text)
-
-
-def _remove_foreign(element: Element, errors: Iterable[Any], name: str) -> bool:
-    """Remove the attributes that errors of the schema call unknown; whether there are any."""
-    lines: dict[int, list[Element]] = {}
-    for inner in element.iter("*"):
-        lines.setdefault(inner.sourceline, []).append(inner)
-    foreign: dict[tuple[str, str], list[int]] = {}
-    for error in errors:
-        if error.type_name != FOREIGN:
-            continue
-        attribute = error.message.split("'")[3]
-        for owner in lines.get(error.line, ()):
-            if owner.attrib.pop(attribute, None) is not None:
-                foreign.setdefault((without_namespaces(attribute), local_name(owner)), []).append(
-                    error.line
-                )
-    for (attribute, tag), where in foreign.items():
-        more = f" and in {len(where) - 1} more places" if len(where) > 1 else ""
-        log.warning(
-            "%s, line %s%s: attribute %s of %s is not one of SSP and is ignored",
-            name, where[0], more, attribute, tag,
-        )  # fmt: skip
-    return bool(foreign)
-
-
-@cache
-def load_schema(name: str) -> Any:
-    """Return the XML schema of this file name."""
-    return etree.XMLSchema(file=str(Path(fmpy.__file__).with_name("ssp") / "schema" / name))
 
 
 def qualified(tag: str) -> str:

@@ -12,7 +12,8 @@ from ...numbers import truth
 from ...system import READ, Value, enumeration
 from ...system.base_units import Unit
 from ...system.description import Variable
-from .files import Element, children, downgrade_and_validate, load_valid, local_name, qualified
+from .files import Element, children, local_name, qualified, require_root
+from .rules import load_valid
 from .units import Definitions, Step, definitions
 
 Locate = Callable[[str, str], Path]
@@ -54,15 +55,17 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
     Raises SetupError for what is invalid or not supported.
     """
     _require_type(binding, "application/x-ssp-parameter-set", file)
-    inline = children(binding, "ssd:ParameterValues")
+    inline = children(binding, "ssd:ParameterValues", "*")
     source, values = _content(binding, inline, "ssv:ParameterSet", file, locate)
-    defined = definitions(values, source)
+    defined = definitions(values)
     if source == file:
         defined = defined.over(outer)
     parameters = parameters_of(values, binding.get("prefix", ""), source, defined)
     for mapping in children(binding, "ssd:ParameterMapping"):
         _require_type(mapping, "application/x-ssp-parameter-mapping", file)
-        source, entries = _content(mapping, [mapping], "ssm:ParameterMapping", file, locate)
+        source, entries = _content(
+            mapping, children(mapping, "ssm:*"), "ssm:ParameterMapping", file, locate
+        )
         return _mapped(parameters, entries, source)
     return list(parameters.values())
 
@@ -70,14 +73,10 @@ def bound(binding: Element, file: str, outer: Definitions, locate: Locate) -> li
 def parameters_of(
     values: Element, prefix: str, source: str, defined: Definitions
 ) -> dict[str, Parameter]:
-    """The parameters of a ParameterSet by name; raises SetupError for doubles."""
-    parameters: dict[str, Parameter] = {}
-    for element in children(values, "ssv:Parameters", "ssv:Parameter"):
-        parameter = _parameter(element, prefix, source, defined)
-        if parameter.name in parameters:
-            raise SetupError(f"{parameter.where} is given twice")
-        parameters[parameter.name] = parameter
-    return parameters
+    """The parameters of a ParameterSet by name."""
+    elements = children(values, "ssv:Parameters", "ssv:Parameter")
+    parameters = (_parameter(element, prefix, source, defined) for element in elements)
+    return {parameter.name: parameter for parameter in parameters}
 
 
 def _require_type(element: Element, expected: str, file: str) -> None:
@@ -90,17 +89,14 @@ def _content(
     element: Element, inline: list[Element], tag: str, file: str, locate: Locate
 ) -> tuple[str, Element]:
     """Name of the file and element of what is given by the `source` attribute or inline."""
-    where = f"{file}, line {element.sourceline}"
-    contents = [part for holder in inline for part in holder.iterchildren("*")]
     if element.get("source"):
-        if contents:
-            raise SetupError(f"{where}: source and inline content exclude each other")
         path = locate(element.get("source"), element.get("sourceBase", "SSD"))
         return path.name, load_valid(path, tag)
-    if len(contents) != 1:
+    where = f"{file}, line {element.sourceline}"
+    if len(inline) != 1:
         raise SetupError(f"{where}: one {tag} or a source is needed")
-    downgrade_and_validate(contents[0], tag, file)
-    return file, contents[0]
+    require_root(inline[0], qualified(tag), where)
+    return file, inline[0]
 
 
 def _parameter(element: Element, prefix: str, source: str, defined: Definitions) -> Parameter:
@@ -131,8 +127,6 @@ def _mapped(parameters: dict[str, Parameter], mapping: Element, source: str) -> 
         where = f"{source}, line {entry.sourceline}: mapping {name} -> {target}"
         if name not in parameters:
             raise SetupError(f"{where}: the parameter set has no {name}")
-        if target in mapped:
-            raise SetupError(f"{where}: {target} is mapped twice")
         mapped[target] = _transformed(parameters[name]._replace(name=target), entry, where)
     return list(mapped.values())
 

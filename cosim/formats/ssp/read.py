@@ -21,19 +21,18 @@ from ...system.description import ModelDescription
 from .files import (
     BOND,
     FMU,
-    NAMELESS,
     NAMESPACES,
     ROOT_SSD,
     Budget,
     Element,
     children,
-    load_valid,
     local_name,
     locate,
     unpack,
 )
 from .parameters import bound, linear
-from .plan import DOWNWARD, Connector, Flow, Node, Plan, dotted, same_variable
+from .plan import Connector, Flow, Node, Plan, dotted, same_variable
+from .rules import End, load_valid, sinks_of
 from .units import Definitions, definitions, same
 
 DEFINITION = "application/x-ssp-definition"
@@ -80,7 +79,7 @@ class Document(NamedTuple):
     ) -> Document:
         """An SSD file; raises SetupError if it is none."""
         content = load_valid(path, "ssd:SystemStructureDescription")
-        return cls(path, root, scratch, content, definitions(content, path.name), nesting)
+        return cls(path, root, scratch, content, definitions(content), nesting)
 
     def at(self, element: Element) -> str:
         """File and line of an element, and its name if it has one."""
@@ -307,8 +306,6 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
     connectors: dict[str, Connector] = {}
     for declared in children(element, "ssd:Connectors", "ssd:Connector"):
         name, where = declared.get("name"), document.at(declared)
-        if name in connectors:
-            raise SetupError(f"{where}: {element.get('name')} has two connectors {name}")
         if declared.get("kind") == "inout":
             raise SetupError(f"{where}: connector kind inout is not supported")
         kind, unit, items = None, None, None
@@ -317,8 +314,6 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
             if kind not in TYPES:
                 raise SetupError(f"{where}: connector type {kind} is not supported")
             items = document.definitions.items.get(content.get("name"))
-            if kind == "Enumeration" and items is None and content.get("name") != NAMELESS:
-                log.warning("%s: there is no Enumeration %r", where, content.get("name"))
             unit = document.definitions.unit(content.get("unit"))
         connectors[name] = Connector(declared.get("kind"), kind, unit, items)
     return connectors
@@ -346,26 +341,17 @@ def _merge_declared(plan: Plan, node: Node, declared: Connector) -> None:
 
 
 def _connection(plan: Plan, document: Document, connection: Element, path: str) -> None:
-    sources: list[Node] = []
-    sinks: list[Node] = []
+    ends: list[tuple[End, Node]] = []
     for end in ("start", "end"):
-        element, name = connection.get(f"{end}Element"), connection.get(f"{end}Connector")
-        if element and element not in plan.elements[path]:
-            raise SetupError(f"there is no element {element!r} in {path or 'the system'}")
+        element, name = connection.get(f"{end}Element") or "", connection.get(f"{end}Connector")
         node = (plan.elements[path][element] if element else path, name)
         if node not in plan.connectors or (node in plan.variables and node not in plan.declared):
             raise SetupError(f"there is no connector {dotted(node)}")
-        outward = (plan.connectors[node].kind in DOWNWARD) != bool(element)
-        (sources if outward else sinks).append(node)
-    if len(sources) != 1:
-        ends = " and ".join(f"{plan.connectors[n].kind} {dotted(n)}" for n in sources + sinks)
-        raise SetupError(f"{ends} cannot be connected")
-    source, sink = sources[0], sinks[0]
+        ends.append((End(element, name, plan.connectors[node].kind), node))
+    (first, second), (source, sink) = zip(*ends)
+    if first in sinks_of(first, second):
+        source, sink = sink, source
     source_connector, sink_connector = plan.connectors[source], plan.connectors[sink]
-    if sink_connector.kind in PARAMETERS and source_connector.kind not in PARAMETERS:
-        raise SetupError(
-            f"{source_connector.kind} {dotted(source)} cannot drive a {sink_connector.kind}"
-        )
     if (
         source_connector.type
         and sink_connector.type

@@ -42,28 +42,22 @@ class Definitions(NamedTuple):
         return Definitions(outer.units | self.units, outer.items | self.items)
 
 
-def definitions(root: Element, file: str) -> Definitions:
-    """What the Units and Enumerations of a file define; raises SetupError for doubles."""
+def definitions(root: Element) -> Definitions:
+    """What the Units and Enumerations of a file define."""
     units: dict[str, Unit] = {}
-    items: dict[str, dict[str, int]] = {}
     for unit in children(root, "{*}Units", "ssc:Unit"):
         (base,) = children(unit, "ssc:BaseUnit")
         powers = {key: int(base.get(key, 0)) for key in BASES}
         factor, offset = (float(base.get(key, default)) for key, default in SCALE.items())
-        name = _require_new_name(unit, units, file)
+        name = unit.get("name")
         units[name] = Unit(name, BaseUnit(**powers, factor=factor, offset=offset))
-    for enumeration in children(root, "{*}Enumerations", "ssc:Enumeration"):
-        items[_require_new_name(enumeration, items, file)] = {
+    items = {
+        enumeration.get("name"): {
             item.get("name"): int(item.get("value")) for item in children(enumeration, "ssc:Item")
         }
+        for enumeration in children(root, "{*}Enumerations", "ssc:Enumeration")
+    }
     return Definitions(units, items)
-
-
-def _require_new_name(element: Element, defined_names: Iterable[str], file: str) -> str:
-    name = str(element.get("name"))
-    if name in defined_names:
-        raise SetupError(f"{file}, line {element.sourceline}: {name!r} is defined twice")
-    return name
 
 
 def unit_of(variable: Variable, description: ModelDescription) -> Unit | None:
