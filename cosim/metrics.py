@@ -358,8 +358,8 @@ class Crossing(Metric):
         levels = (self.level - error, self.level, self.level + error)
         low, time, high = times = [float(replace(self, level=x)(curves)[0]) for x in levels]
         begin, end = min(times) - apart, max(times) + apart
-        passed = [t for x in levels for t in passings(curves, x) if begin <= t <= end]
-        if len(passed) == len(levels):  # once each: one slope, whose error is that of the time
+        times_within = [[t for t in passings(curves, x) if begin <= t <= end] for x in levels]
+        if all(len(x) == 1 for x in times_within):  # one slope, whose error is that of the time
             return np.empty(0)
         other = np.array([low, high])
         return other[~(np.abs(other - time) <= apart)]
