@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cosim import Advice, Identified
-from workbench import Context, Figure, fitting
-from workbench.fitting import figure_of
+from cosim import Identified
+from workbench import Context, Figure
+from workbench.fit import figure_of
 from workbench.orbits import STEP_MULTIPLES, extrapolated
 from workbench.roots import roots_between
 
@@ -24,8 +24,24 @@ from .drive_orbits import Drive
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
 
-CHANGE = "change of {} from its fitted value at which that torque ripple is at its limit"
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
+QUANTITIES = {
+    "nu_res": ("rad/s", "resonance by formula (22) of the fitted machine"),
+    "away": ("%", "operating speed above the resonance"),
+    "tau2": ("N.m", "torque ripple at the operating speed"),
+    "avoid_from": ("rad/s", "speed above which the torque ripple exceeds its limit"),
+    "avoid_to": ("rad/s", "speed below which the torque ripple exceeds its limit"),
+    "clear_rotor_j": ("kg.m2", "conveyor.rotor.J at which that torque ripple is at its limit"),
+    "change_rotor_j": (
+        "%",
+        "change of conveyor.rotor.J from its fitted value at which that torque ripple is at its limit",
+    ),
+    "clear_motor_t": ("s", "motor.T at which that torque ripple is at its limit"),
+    "change_motor_t": (
+        "%",
+        "change of motor.T from its fitted value at which that torque ripple is at its limit",
+    ),
+}
 #: Communication steps per revolution of the orbits of the fitted drive; a convention.
 STEPS = 512
 #: Speeds between which the limit of the ripple is sought, over the resonance; a convention.
@@ -40,39 +56,24 @@ SLIGHT = 1e-3
 
 class IdentifiedDrive(NamedTuple):
     """A fit, the machine it found, the operating speed [rad/s], stretches of speed to avoid with the
-    figures of their ends, and what each further record would leave of the interval.
+    figures of their ends.
     """
 
     fit: Identified
     machine: Callable[[Mapping[str, float]], Machine]
     operating: float
     edges: Sequence[tuple[Figure, Figure]]
-    advice: Sequence[Advice]
 
 
 def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> dict[str, Figure]:
     """The resonance, how far the operating speed is from it, the torque ripple there, the stretch of
-    speed to avoid, what would change it, and all values that were free.
+    speed to avoid, and what would change it.
     """
     fit, machine, nu = drive_data.fit, drive_data.machine, drive_data.operating
-    told = {
-        "nu_res": ("rad/s", "resonance by formula (22) of the fitted machine"),
-        "away": ("%", "operating speed above the resonance"),
-        "tau2": ("N.m", "torque ripple at the operating speed"),
-        "avoid_from": ("rad/s", "speed above which the torque ripple exceeds its limit"),
-        "avoid_to": ("rad/s", "speed below which the torque ripple exceeds its limit"),
-    }
-    for name, key in CHANGED.items():
-        unit = fit.problem.parameters[fit.names.index(name)].unit
-        told[f"clear_{key}"] = unit, f"{name} at which that torque ripple is at its limit"
-        told[f"change_{key}"] = "%", CHANGE.format(name)
-    if fit.misfit:
-        why = "no machine of this kind fits the record"
-        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in told.items()}
-    all_figures = {"nu_res": figure_of(fit.derived["nu_res"], told["nu_res"][1])}
+    all_figures = {"nu_res": figure_of(fit.derived["nu_res"])}
     gap = fit.interval(lambda v: 100.0 * (nu / machine(v).nu_res - 1.0), "%")
-    all_figures["away"] = figure_of(gap, told["away"][1])
-    all_figures["tau2"] = ripple(o, context, drive_data, told["tau2"][1])
+    all_figures["away"] = figure_of(gap)
+    all_figures["tau2"] = ripple(o, context, drive_data)
     best = machine(fit.start_values)
 
     def changed(name: str, x: float) -> tuple[Machine, float]:
@@ -82,20 +83,20 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
     near = min(drive_data.edges, key=partial(distance, nu), default=None)
     for name, k in (("avoid_from", 0), ("avoid_to", 1)):
         nowhere = Figure.undetermined("rad/s", "the torque ripple is below its limit everywhere")
-        edge = (near[k] if near else nowhere)._replace(meaning=told[name][1])
+        edge = near[k] if near else nowhere
         all_figures[name] = with_error_of_theory(o, context, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
-        clear = value_at_limit(o, drive_data, name, told[f"clear_{key}"][0])
+        clear = value_at_limit(o, drive_data, name, QUANTITIES[f"clear_{key}"][0])
         all_figures[f"clear_{key}"] = with_error_of_theory(
             o,
             context,
-            clear._replace(meaning=told[f"clear_{key}"][1]),
+            clear,
             partial(changed, name),
         )
         all_figures[f"change_{key}"] = change_to_limit(
             o, drive_data, name, all_figures[f"clear_{key}"], clear
         )
-    return all_figures | fitting.fitted_figures(fit)
+    return all_figures
 
 
 def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
@@ -104,20 +105,20 @@ def distance(nu: float, stretch: tuple[Figure, Figure]) -> float:
     return low - nu if nu < low else nu - high if nu > high else 0.0
 
 
-def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive, meaning: str) -> Figure:
+def ripple(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> Figure:
     """The torque ripple of the machine found on its steady orbit at the operating speed."""
     fit, nu = drive_data.fit, drive_data.operating
     machine = drive_data.machine(fit.start_values)
     drive = Drive(context, o.algorithm, STEPS)
     orbits = drive.orbits(machine, drive.for_each_step([nu]), "operating speed")
     if problem := orbits.problem[0, 0]:
-        return Figure.undetermined("N.m", str(problem), meaning)
+        return Figure.undetermined("N.m", str(problem))
     torque, errors = extrapolated(orbits.torque, drive.convergence_order, orbits.torque_error)
     value, error = float(abs(torque[0])), float(errors[0])
     if math.isnan(error):
-        return Figure.undetermined("N.m", "the coupling error is not known", meaning)
+        return Figure.undetermined("N.m", "the coupling error is not known")
     wide = fit.interval(lambda v: float(abs(drive_data.machine(v).torque_ripple(nu)))).error
-    return Figure(value, "N.m", error + wide, meaning)
+    return Figure(value, "N.m", error + wide)
 
 
 def with_error_of_theory(
@@ -141,7 +142,7 @@ def with_error_of_theory(
     drive = Drive(context, o.algorithm, STEPS // STEP_MULTIPLES[-1])
     orbit = drive.orbits(machine, np.array([nu]), "limits")[0]
     if orbit.problem:
-        return Figure.undetermined(figure.unit, str(orbit.problem), figure.meaning)
+        return Figure.undetermined(figure.unit, str(orbit.problem))
     slope = (theory(x * (1 + SLIGHT)) - theory(x * (1 - SLIGHT))) / (2 * SLIGHT * x)
     shift = abs((math.log(abs(orbit.torque)) - math.log(o.torque_ripple_limit)) / slope)
     return figure._replace(error=figure.error + shift)
@@ -165,7 +166,7 @@ def stretches_above_limit(
     def edge(near: float, v: Mapping[str, float]) -> float:
         return float(min(passed(v), key=lambda x: abs(x - near), default=math.nan))
 
-    ends = [figure_of(fit.interval(partial(edge, x), "rad/s"), "") for x in passed(values)]
+    ends = [figure_of(fit.interval(partial(edge, x), "rad/s")) for x in passed(values)]
     if abs(machine(values).torque_ripple(nus[0])) > o.torque_ripple_limit:
         ends.insert(
             0,
@@ -193,7 +194,7 @@ def value_at_limit(o: RippleOptions, drive_data: IdentifiedDrive, name: str, uni
     if math.isnan(factor_to_limit(o, drive_data, name, values)):
         return Figure.undetermined(unit, f"no {name} from a fifth to five times its value does it")
     return figure_of(
-        fit.interval(lambda v: v[name] * factor_to_limit(o, drive_data, name, v), unit), ""
+        fit.interval(lambda v: v[name] * factor_to_limit(o, drive_data, name, v), unit)
     )
 
 
@@ -203,14 +204,13 @@ def change_to_limit(
     """The same as a change from the fitted value [%], whose error is smaller than that of the value:
     what is not known of the drive moves both. What theory leaves out is that of the value.
     """
-    meaning = CHANGE.format(name)
     if clear.error is None or by_theory.error is None:
-        return Figure.undetermined("%", clear.reason, meaning)
+        return Figure.undetermined("%", clear.reason)
     value = drive_data.fit.start_values[name]
     ratio = drive_data.fit.interval(
         lambda v: 100.0 * (factor_to_limit(o, drive_data, name, v) - 1.0), "%"
     )
-    figure = figure_of(ratio, meaning)
+    figure = figure_of(ratio)
     if figure.error is None:
         return figure
     return figure._replace(error=figure.error + 100.0 * (clear.error - by_theory.error) / value)

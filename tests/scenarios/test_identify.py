@@ -16,7 +16,7 @@ from scenarios.conveyor.first_order import Machine
 from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
-from workbench.fitting import further_records, prior
+from workbench.fit import further_records, prior
 from workbench.run import rows
 
 TRUTH = measured_conveyor.equivalent_drive()

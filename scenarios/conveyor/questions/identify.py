@@ -11,12 +11,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 import cosim
-from cosim import Advice, Identified, SetupError
+from cosim import Identified, SetupError
 from cosim.metrics import harmonics
 from cosim.system import Value
 from cosim.units import multiples
@@ -25,22 +24,31 @@ from workbench import (
     Context,
     Curve,
     Figure,
-    Findings,
     Judgement,
     Mark,
     Panel,
     Question,
     Show,
-    fitting,
     option,
 )
 from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
-from workbench.fitting import RecordOptions
+from workbench.fit import (
+    FIT_ERROR_SCOPE,
+    Fit,
+    Fitted,
+    Followed,
+    Guess,
+    RecordOptions,
+    fitted_charts,
+    further_records,
+    misfit,
+    next_record,
+)
 from workbench.judgement import Holds
 
 from ..first_order import SETS, Machine
-from ..fitted_drive import CHANGED, IdentifiedDrive, figures, stretches_above_limit
+from ..fitted_drive import CHANGED, QUANTITIES, IdentifiedDrive, figures, stretches_above_limit
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
 from ..motion import moving
@@ -51,7 +59,6 @@ SPEED, TORQUE = "conveyor.w", "motor.tau"
 STATES = ("conveyor.phi", SPEED, TORQUE)
 LINEAR, KLOSS = ("motor.A", "motor.B"), ("motor.kloss.w_s", "motor.kloss.s_b")
 FREE = ("motor.T", "conveyor.rotor.J", "conveyor.trough.d")
-FROM_DRAWINGS = ("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c")
 #: Start values that an orbit sets itself.
 OF_ORBIT = ("motor.A", "motor.tau", "conveyor.phi", "conveyor.w")
 #: Points of the curve with the band; a convention.
@@ -65,58 +72,75 @@ class Identify(Question, RecordOptions, RippleOptions):
 
     parts = DRIVE
     sources = cited(22)
-    error_scope = fitting.FIT_ERROR_SCOPE
+    error_scope = FIT_ERROR_SCOPE
+    method = Fit(
+        kind="machine of this kind",
+        quantities=QUANTITIES,
+        exact=("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c"),
+        unit="rad/s",
+    )
 
     speed: float | None = option(
         None, "operating speed, the mean of the record by default", "rad/s", above=0.0
     )
 
-    def solve(self, context: Context) -> Findings:
-        """Fit, and ask the machine that fits.
-
-        This replaces the single certified run, because the answer comes from a fit to a record and from many
-        machines that fit it.
-        """
+    def guess(self, context: Context) -> Guess:
+        """Return the drive near the motion of the record."""
         record = self.columns(SPEED)
         base = followed(context.fmus, SETS[self.set], self.start)
         w = record[SPEED].numbers(gaps=True)
         w = w * multiples("rad/s").get(record[SPEED].signal.unit, 1.0)
         nu = float(np.nanmean(w))
-        operating = self.speed or nu
         supply, slope = KLOSS if has_kloss_characteristic(base) else LINEAR
         if not self.known and TORQUE not in record:
             raise SetupError(
                 f"{self.data}: speed alone determines neither mass nor torque; give what is known, as in "
                 "--known conveyor.trough.m=200+-5, or map a torque to motor.tau"
             )
-        fit = self.identify(
-            conveyor_drive(context.fmus, guess(self, base, record[SPEED])),
+        settings = {
+            "derived": {"nu_res": lambda v, _: fitted_machine(base, nu, v).nu_res},
+            "units": {"nu_res": "rad/s"},
+            "first": ("conveyor.phi", supply),
+            "algorithm": self.algorithm,
+        }
+        operating, rated = self.speed or nu, self.rated_torque_or_default
+        limit = self.torque_ripple_limit
+        return Guess(
+            conveyor_drive(context.fmus, nearest_drive(self, base, record[SPEED])),
             record,
             [slope, *FREE, supply, *STATES],
-            derived={"nu_res": lambda v, _: fitted_machine(base, nu, v).nu_res},
-            units={"nu_res": "rad/s"},
-            first=("conveyor.phi", supply),
-            algorithm=self.algorithm,
-        )
-        machine = partial(fitted_machine, base, nu)
-        drive_data = IdentifiedDrive(
-            fit, machine, operating, stretches_above_limit(self, fit, machine), advice(self, fit)
-        )
-        return Findings(
-            figures(self, context, drive_data),
-            drive_data,
-            fit.problem.system,
-            fit.result.provenance,
-            tables=fitting.tables(fit, drive_data.advice, "identify", "rad/s"),
-            facts=facts(self, drive_data),
-            defaults={"speed": drive_data.operating, "rated_torque": self.rated_torque_or_default},
+            settings,
+            {"operating_speed": operating, "rated_torque": rated, "limit": limit},
+            {"speed": operating, "rated_torque": rated},
+            partial(fitted_machine, base, nu),
         )
 
-    def judgements(self, f: Mapping[str, Figure], r: IdentifiedDrive) -> list[Judgement]:
+    def follow(self, context: Context, guess: Guess, fit: Identified) -> Followed:
+        """Return the resonance and what would get clear of it, and records like this one, from rest, and with steps."""
+        operating, machine = guess.defaults["speed"], guess.more
+        edges = stretches_above_limit(self, fit, machine)
+        drive_data = IdentifiedDrive(fit, machine, operating, edges)
+        base, nu = SETS[self.set].follow(self.start), float(np.mean(fit.result[SPEED]))
+        is_induction = has_kloss_characteristic(base)
+        records = further_records(
+            fit,
+            STATES,
+            rest={"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0},
+            supply=(KLOSS if is_induction else LINEAR)[0],
+            steps={"a step of the supply to 120 %": 1.2}
+            | ({} if is_induction else {"a run-down with the supply off": 0.0}),
+            torque={TORQUE: NOISE * self.rated_torque_or_default},
+        )
+        found = figures(self, context, drive_data)
+        return Followed(
+            found, lambda v: fitted_machine(base, nu, v).nu_res, records, more=drive_data
+        )
+
+    def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
         """Whether the ripple is above its limit, where the resonance is, what to change, what to record next."""
         if r.fit.misfit:
-            return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
-        at = f"{r.operating:.4g} rad/s ({r.operating * 30 / math.pi:.4g} rpm)"
+            return misfit("a drive of this kind fits this record", r.fit.misfit)
+        at = f"{r.more.operating:.4g} rad/s ({r.more.operating * 30 / math.pi:.4g} rpm)"
         gap, ends = f["away"], [f[name] for name in ("avoid_from", "avoid_to")]
         side = f"{gap._replace(value=abs(gap.value)).brief()} {'below' if gap.value > 0 else 'above'} the operating speed"
         ripple = Judgement(
@@ -142,22 +166,22 @@ class Identify(Question, RecordOptions, RippleOptions):
                 for name, key in CHANGED.items()
                 if ripple.answer is not Holds.YES and f[f"change_{key}"].error is not None
             ),
-            fitting.next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
+            next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
         ]
 
-    def show(self, f: Mapping[str, Figure], r: IdentifiedDrive) -> Show:
+    def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:
         """Each column measured, fitted and what is between them; the resonance curve with its band; the
         conveyor in motion.
         """
         styles = {SPEED: ("speed", colors.SPEED), TORQUE: ("torque", colors.TORQUE)}
-        charts = fitting.charts(r.fit, styles)
+        charts = fitted_charts(r.fit, styles)
         if not r.fit.misfit:
             charts.insert(0, band(self, f, r))
         first, last = (float(t) for t in r.fit.result["time"][[0, -1]])
         return Show(charts, [moving("The fitted conveyor", {"": r.fit.result}, first, last, 25.0)])
 
 
-def guess(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
+def nearest_drive(o: Identify, base: Machine, speed: cosim.Series) -> dict[str, Value]:
     """Start values near the motion of a record: the angle at its start by the order 2 of its speed,
     the supply by its mean speed.
     """
@@ -182,40 +206,12 @@ def fitted_machine(base: Machine, nu: float, values: Mapping[str, float]) -> Mac
     return linearised(replace(machine, more=more), nu)
 
 
-def advice(o: Identify, fit: Identified) -> list[Advice]:
-    """What further records would leave of the interval of the resonance, the best first."""
-    if fit.misfit:
-        return []
-    base, nu = SETS[o.set].follow(o.start), float(np.mean(fit.result[SPEED]))
-    is_induction = has_kloss_characteristic(base)
-    records = fitting.further_records(
-        fit,
-        STATES,
-        rest={"conveyor.phi": 0.0, SPEED: 0.0, TORQUE: 0.0},
-        supply=(KLOSS if is_induction else LINEAR)[0],
-        steps={"a step of the supply to 120 %": 1.2}
-        | ({} if is_induction else {"a run-down with the supply off": 0.0}),
-        torque={TORQUE: NOISE * o.rated_torque_or_default},
-    )
-    return cosim.advise(fit, records, lambda v: fitted_machine(base, nu, v).nu_res)
-
-
-def facts(o: Identify, drive_data: IdentifiedDrive) -> dict[str, Any]:
-    """What else stands in the JSON."""
-    settings = {
-        "operating_speed": drive_data.operating,
-        "rated_torque": o.rated_torque_or_default,
-        "limit": o.torque_ripple_limit,
-    }
-    return settings | fitting.facts(drive_data.fit, drive_data.advice, FROM_DRAWINGS)
-
-
-def band(o: Identify, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
+def band(o: Identify, f: Mapping[str, Figure], r: Fitted) -> Chart:
     """The torque ripple over the speed of the machine found, with the band of its interval."""
     nus = np.linspace(0.4, 1.8, CURVE) * f["nu_res"].value
 
     def height(nu: float, v: Mapping[str, float]) -> float:
-        return float(abs(r.machine(v).torque_ripple(nu)))
+        return float(abs(r.more.machine(v).torque_ripple(nu)))
 
     each = [r.fit.interval(partial(height, nu), "N.m") for nu in nus.tolist()]
     curve = Curve(
@@ -225,9 +221,9 @@ def band(o: Identify, f: Mapping[str, Figure], r: IdentifiedDrive) -> Chart:
     limit = Mark(o.torque_ripple_limit, f"limit {o.torque_ripple_limit:g} N.m")
     marks = [
         Mark.of("resonance", f["nu_res"]),
-        Mark(r.operating, f"operating speed {r.operating:.4g} rad/s"),
+        Mark(r.more.operating, f"operating speed {r.more.operating:.4g} rad/s"),
     ]
-    spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.edges if a.error and b.error]
+    spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.more.edges if a.error and b.error]
     return Chart(
         "Torque ripple of the fitted machine, with its 95 % band",
         "operating speed [rad/s]",

@@ -9,16 +9,16 @@ mass of an iron that was weighed. A record that no drive of this kind fits is re
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import cosim
-from cosim import Advice, Identified, SetupError, System
+from cosim import Identified, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.system import Value
 from workbench import (
@@ -26,18 +26,28 @@ from workbench import (
     Context,
     Curve,
     Figure,
-    Findings,
     Judgement,
     Panel,
     Question,
     Show,
-    fitting,
     option,
 )
 from workbench.charts.model import SPEED as BLUE
 from workbench.charts.model import TORQUE as RED
 from workbench.figure import figure_of_figures
-from workbench.fitting import RecordOptions, figure_of
+from workbench.fit import (
+    FIT_ERROR_SCOPE,
+    Fit,
+    Fitted,
+    Followed,
+    Guess,
+    RecordOptions,
+    figure_of,
+    fitted_charts,
+    further_records,
+    misfit,
+    next_record,
+)
 from workbench.live import moved
 
 from .. import machine as iron
@@ -47,7 +57,6 @@ SPEED, TORQUE, SUPPLY = "iron.w", "motor.tau", "motor.A"
 STATES = ("iron.phi", "iron.w_cam", TORQUE)
 LOADS = ("iron.iron.m", "iron.spring.c", "iron.friction.K_up", "iron.friction.K_down")
 FREE = ("motor.B", "motor.T", *LOADS)
-EXACT = ("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0")
 #: Rows of a turn from which a loss is taken; a convention.
 SAMPLES = 360
 #: Noise of a torque that a further record would have, over the rated torque; a convention.
@@ -58,11 +67,6 @@ ANGLES = 256
 TURN = 5e-3
 #: Mean torque of the motor at the start of a fit [N.m]; a convention.
 LOAD = 0.1
-DERIVED = {
-    "mu": ("1", "guide friction over the pull of the chain"),
-    "loss": ("J", "work of the guide friction per turn"),
-    "follower_limit": ("rad/s", "cam speed where the follower lifts off"),
-}
 
 
 class IronIdentify(Question, RecordOptions):
@@ -70,8 +74,18 @@ class IronIdentify(Question, RecordOptions):
 
     parts = iron.PARTS
     fixed_starts = (SUPPLY, *STATES[1:])
-    error_scope = fitting.FIT_ERROR_SCOPE
+    error_scope = FIT_ERROR_SCOPE
     is_sequential = True
+    method = Fit(
+        kind="drive of this kind",
+        quantities={
+            "mu": ("1", "guide friction over the pull of the chain"),
+            "loss": ("J", "work of the guide friction per turn"),
+            "follower_limit": ("rad/s", "cam speed where the follower lifts off"),
+            "away": ("%", "cam speed where the follower lifts off, above that of the record"),
+        },
+        exact=("iron.reducer.J", "iron.reducer.i_g", "iron.spring.e_0"),
+    )
 
     rated_torque: float = option(
         2.0,
@@ -80,36 +94,35 @@ class IronIdentify(Question, RecordOptions):
         above=0.0,
     )
 
-    def solve(self, context: Context) -> Findings:
-        """Fit, and ask the drive that fits.
-
-        This replaces the single certified run, because the answer comes from a fit to a record and from many
-        machines that fit it.
-        """
+    def guess(self, context: Context) -> Guess:
+        """Return the drive near the motion of the record."""
         record = self.columns(SPEED)
         if not self.priors.keys() & {*LOADS}:
             raise SetupError(
                 f"{self.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
                 "--known iron.iron.m=4+-1%"
             )
-        system = guess(self, context.fmus, record[SPEED])
+        system = nearest_drive(self, context.fmus, record[SPEED])
         free = [SUPPLY, *FREE, *STATES]
-        fit = self.identify(system, record, free, first=("iron.phi", SUPPLY))
-        machine = drive(fit, fit.start_values)
-        iron_data = IdentifiedIron(fit, machine, () if fit.misfit else advice(self, fit))
-        return Findings(
-            figures(iron_data),
-            iron_data,
-            fit.problem.system,
-            fit.result.provenance,
-            tables=fitting.tables(fit, iron_data.advice, "iron_identify", "1"),
-            facts=fitting.facts(fit, iron_data.advice, EXACT),
-        )
+        return Guess(system, record, free, {"first": ("iron.phi", SUPPLY)})
 
-    def judgements(self, f: Mapping[str, Figure], r: IdentifiedIron) -> list[Judgement]:
+    def follow(self, context: Context, guess: Guess, fit: Identified) -> Followed:
+        """Return what follows from the fit, and records like this one, from rest, and with steps of the supply."""
+        machine = drive(fit, fit.start_values)
+        records = further_records(
+            fit,
+            STATES,
+            rest={"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0},
+            supply=SUPPLY,
+            steps={"a step of the supply to 120 %": 1.2, "a step of the supply to half": 0.5},
+            torque={TORQUE: FORESEEN * self.rated_torque},
+        )
+        return Followed(figures(fit, machine), friction, records)
+
+    def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
         """What was found, how far the record is from the lift-off, and what to record next."""
         if r.fit.misfit:
-            return fitting.misfit("a drive of this kind fits this record", r.fit.misfit)
+            return misfit("a drive of this kind fits this record", r.fit.misfit)
         mean = mean_cam_speed(r.fit)
         return [
             Judgement(
@@ -122,31 +135,23 @@ class IronIdentify(Question, RecordOptions):
             Judgement("guide friction over the pull of the chain", f["mu"]),
             Judgement("mass of the iron", f["iron_iron_m"]),
             Judgement("stiffness of its spring", f["iron_spring_c"]),
-            fitting.next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
+            next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
         ]
 
-    def show(self, f: Mapping[str, Figure], r: IdentifiedIron) -> Show:
+    def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:
         """The torque over the cam angle with its band; each column measured and fitted; the mechanism."""
         styles = {SPEED: ("speed of the motor", BLUE), "iron.w_cam": ("speed of the cam", BLUE),
                  TORQUE: ("torque of the motor", RED)}  # fmt: skip
-        charts = fitting.charts(r.fit, styles)
+        charts = fitted_charts(r.fit, styles)
         if not r.fit.misfit:
-            charts.insert(0, slow_torque_chart(r))
-        result = r.fit.result
+            charts.insert(0, slow_torque_chart(r.fit))
+        machine, result = drive(r.fit, r.fit.start_values), r.fit.result
         last = float(result["time"][0]) + 2 * math.pi / mean_cam_speed(r.fit)
-        moving = motion.live_motion("A turn of the fitted drive", result, r.machine, 4.0)
+        moving = motion.live_motion("A turn of the fitted drive", result, machine, 4.0)
         return Show(charts, [moved(moving, result, last=last)])
 
 
-class IdentifiedIron(NamedTuple):
-    """A fit, its drive with the values found, and what each further record would leave of mu."""
-
-    fit: Identified
-    machine: System
-    advice: Sequence[Advice]
-
-
-def guess(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Series) -> System:
+def nearest_drive(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Series) -> System:
     """The drive near the motion of a record: fed for its mean speed, and as far in its turn as makes
     the last turn of the record most like one of the drive.
     """
@@ -176,49 +181,34 @@ def drive(fit: Identified, values: Mapping[str, float]) -> System:
     return replace(system, start={**system.start, **mine})
 
 
-def derived_quantities(fit: Identified) -> dict[str, Callable[[Mapping[str, float]], float]]:
-    """What follows from the values found, by the names of DERIVED."""
+def friction(v: Mapping[str, float]) -> float:
+    """Return the guide friction over the pull of the chain."""
+    up, down = 1 + v["iron.friction.K_up"], 1 + v["iron.friction.K_down"]
+    return (up - down) / (up + down)
+
+
+def figures(fit: Identified, machine: System) -> dict[str, Figure]:
+    """Friction, what it takes, the speed where the follower lifts off, and how far the record is from it."""
 
     @cache
-    def turned(system: tuple[tuple[str, Value], ...]) -> tuple[float, float]:
-        machine = replace(fit.problem.system, start=dict(system))
-        loss = iron.turn(machine, 1.0, SAMPLES)["iron.E_friction"][-1]
-        return float(loss), iron.limits(machine)["follower_limit"].value
+    def turned(start: tuple[tuple[str, Value], ...]) -> tuple[float, Figure]:
+        system = replace(machine, start=dict(start))
+        loss = iron.turn(system, 1.0, SAMPLES)["iron.E_friction"][-1]
+        return float(loss), iron.limits(system)["follower_limit"]
 
-    def derived(which: int, v: Mapping[str, float]) -> float:
-        return turned(tuple(drive(fit, v).start.items()))[which]
+    def of_drive(v: Mapping[str, float]) -> tuple[float, Figure]:
+        return turned(tuple(drive(fit, v).start.items()))
 
-    def mu(v: Mapping[str, float]) -> float:
-        up, down = 1 + v["iron.friction.K_up"], 1 + v["iron.friction.K_down"]
-        return (up - down) / (up + down)
-
-    return {"mu": mu, "loss": partial(derived, 0), "follower_limit": partial(derived, 1)}
-
-
-def figures(iron_data: IdentifiedIron) -> dict[str, Figure]:
-    """Friction, what it takes, the speed where the follower lifts off, how far the record is from it,
-    and all values that were free.
-    """
-    fit, margin = (
-        iron_data.fit,
-        ("%", "cam speed where the follower lifts off, above that of the record"),
-    )
-    if fit.misfit:
-        why = "no drive of this kind fits the record"
-        each = {**DERIVED, "away": margin}
-        return {name: Figure.undetermined(unit, why, text) for name, (unit, text) in each.items()}
-    quantities = derived_quantities(fit)
-    all_figures = {
-        name: figure_of(fit.interval(quantities[name], unit), text)
-        for name, (unit, text) in DERIVED.items()
+    mean = mean_cam_speed(fit)
+    limit = figure_of(fit.interval(lambda v: of_drive(v)[1].value, "rad/s"))
+    at_rows = of_drive(fit.start_values)[1].error or 0.0
+    limit = limit._replace(error=(limit.error or 0.0) + at_rows)
+    return {
+        "mu": figure_of(fit.interval(friction, "1")),
+        "loss": figure_of(fit.interval(lambda v: of_drive(v)[0], "J")),
+        "follower_limit": limit,
+        "away": figure_of_figures(lambda x: 100.0 * (x / mean - 1.0), limit, unit="%"),
     }
-    fixed = iron.limits(iron_data.machine)["follower_limit"].error or 0.0
-    limit, mean = all_figures["follower_limit"], mean_cam_speed(fit)
-    limit = all_figures["follower_limit"] = limit._replace(error=(limit.error or 0.0) + fixed)
-    all_figures["away"] = figure_of_figures(
-        lambda x: 100.0 * (x / mean - 1.0), limit, unit=margin[0], meaning=margin[1]
-    )
-    return all_figures | fitting.fitted_figures(fit)
 
 
 def mean_cam_speed(fit: Identified) -> float:
@@ -227,35 +217,23 @@ def mean_cam_speed(fit: Identified) -> float:
     return float((phi[-1] - phi[0]) / (t[-1] - t[0]))
 
 
-def advice(o: IronIdentify, fit: Identified) -> list[Advice]:
-    """What further records would leave of the interval of the friction, the best first."""
-    records = fitting.further_records(
-        fit,
-        STATES,
-        rest={"iron.phi": -math.pi / 3, "iron.w_cam": 0.0, TORQUE: 0.0},
-        supply=SUPPLY,
-        steps={"a step of the supply to 120 %": 1.2, "a step of the supply to half": 0.5},
-        torque={TORQUE: FORESEEN * o.rated_torque},
-    )
-    return cosim.advise(fit, records, derived_quantities(fit)["mu"])
-
-
-def slow_torque_chart(r: IdentifiedIron) -> Chart:
+def slow_torque_chart(fit: Identified) -> Chart:
     """The torque that turns the cam slowly, with the band of its interval."""
+    machine = drive(fit, fit.start_values)
 
     @cache
     def torque(start: tuple[tuple[str, Value], ...]) -> tuple[Samples, Samples]:
-        turn = iron.turn(replace(r.machine, start=dict(start)), 1.0, SAMPLES)
+        turn = iron.turn(replace(machine, start=dict(start)), 1.0, SAMPLES)
         return np.degrees(turn["iron.phi"]), turn["iron.tau_cam"]
 
     def at(k: int, v: Mapping[str, float]) -> float:
-        return float(torque(tuple(drive(r.fit, v).start.items()))[1][k])
+        return float(torque(tuple(drive(fit, v).start.items()))[1][k])
 
-    phi = torque(tuple(r.machine.start.items()))[0]
-    each: list[Any] = [r.fit.interval(partial(at, k), "N.m") for k in range(len(phi))]
+    phi = torque(tuple(machine.start.items()))[0]
+    each: list[Any] = [fit.interval(partial(at, k), "N.m") for k in range(len(phi))]
     curve = Curve(
         "slow cam", phi, [x.value for x in each], RED, "line", [x.error for x in each]
     )  # fmt: skip
-    spans = iron.phases(r.fit.result.provenance["parts"]["iron"]["parameters"])
+    spans = iron.phases(fit.result.provenance["parts"]["iron"]["parameters"])
     title = "Torque at the cam of the fitted drive, with its 95 % band"
     return Chart(title, "cam angle [deg]", [Panel("torque", "N.m", [curve])], spans=spans)

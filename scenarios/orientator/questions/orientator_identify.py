@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from operator import itemgetter
 
 import numpy as np
 
 import cosim
-from cosim import Advice, Experiment, Identified, Series, SetupError, System
+from cosim import Experiment, Identified, Series, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.units import multiples
 from workbench import (
@@ -23,16 +23,25 @@ from workbench import (
     Context,
     Curve,
     Figure,
-    Findings,
     Judgement,
     Panel,
     Question,
     Show,
-    fitting,
 )
 from workbench.charts.model import SERIES
 from workbench.figure import figure_of_figures
-from workbench.fitting import RecordOptions
+from workbench.fit import (
+    FIT_ERROR_SCOPE,
+    Fit,
+    Fitted,
+    Followed,
+    Guess,
+    RecordOptions,
+    figure_name,
+    misfit,
+    next_record,
+    noise,
+)
 
 from .. import machine as orientator
 from .. import motion
@@ -40,7 +49,6 @@ from ..products import run_product, simulated_limit
 
 SPEED, DROP, FRICTION = "orientator.w", "orientator.release", "orientator.chute.mu"
 TIMES = ("t_falling", "t_joint", "t_turning", "t_released", "orientation_time")
-EXACT = ("orientator.chute.H", "orientator.chute.R", "orientator.cup.m")
 #: Time between two products [s], longer than the longest product.
 PERIOD = 1.6
 #: Share of a period before a product is released, in which the rotor has its speed; a convention.
@@ -58,15 +66,19 @@ class OrientatorIdentify(Question, RecordOptions):
 
     parts = orientator.PARTS
     fixed_starts = (SPEED, DROP, FRICTION)
-    error_scope = fitting.FIT_ERROR_SCOPE
+    error_scope = FIT_ERROR_SCOPE
     is_sequential = True
+    method = Fit(
+        kind="friction",
+        quantities={
+            "limit": ("rpm", "largest rotor speed that works"),
+            "away": ("%", "margin of that speed over the fastest product of the record"),
+        },
+        exact=("orientator.chute.H", "orientator.chute.R", "orientator.cup.m"),
+    )
 
-    def solve(self, context: Context) -> Findings:
-        """Fit, and ask the machine that fits.
-
-        This replaces the single certified run, because the answer comes from a fit to a record and from many
-        machines that fit it.
-        """
+    def guess(self, context: Context) -> Guess:
+        """Return the machine with the friction whose times are nearest, its products a period after each other."""
         record = self.columns(SPEED, timed=False)
         w = record.pop(SPEED)
         scale = multiples("rad/s").get(w.signal.unit or "rad/s")
@@ -82,40 +94,32 @@ class OrientatorIdentify(Question, RecordOptions):
         speeds = (scale * w.numbers()).tolist()
         data = {name: at_period_ends(name, table) for name, table in record.items()}
         system = System(context.fmus, start={**self.start}, inputs=product_inputs(speeds))
-        with_noise = [fitting.noise(system, text)[0] for text in self.noise]
+        with_noise = [noise(system, text)[0] for text in self.noise]
         for name, table in data.items():
             if name not in with_noise:
                 raise SetupError(
                     f"{table.label}: give the noise of its times, as in --noise {name}=1ms"
                 )
-        fit = self.identify(guess(system, data), data, [FRICTION], begin=0.0, step=PERIOD * BEFORE)
-        mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
-        machine = replace(fit.problem.system, start={**fit.problem.system.start, **mine}, inputs={})
         rpm = [30 / math.pi * x for x in speeds]
-        limit = (
-            Figure.undetermined("rpm", "no friction fits the record")
-            if fit.misfit
-            else fastest_rotor(fit, machine)
-        )
+        settings = {"begin": 0.0, "step": PERIOD * BEFORE}
+        facts = {"products": len(rpm), "tried": []}
+        return Guess(nearest(system, data), data, [FRICTION], settings, facts, more=rpm)
+
+    def follow(self, context: Context, guess: Guess, fit: Identified) -> Followed:
+        """Return the fastest rotor, and as many products at speeds near it."""
+        limit, fast = fastest_rotor(fit), max(guess.more)
         tried = [round(share * limit.value) for share in NEXT if limit.error is not None]
-        product_data = IdentifiedOrientator(
-            fit, machine, rpm, () if fit.misfit else advice(fit, tried, len(speeds))
-        )
-        return Findings(
-            figures(product_data, limit),
-            product_data,
-            fit.problem.system,
-            fit.result.provenance,
-            tables=fitting.tables(fit, product_data.advice, "orientator_identify", "1"),
-            facts={"products": len(rpm), "tried": tried}
-            | fitting.facts(fit, product_data.advice, EXACT),
+        away = figure_of_figures(lambda x: 100.0 * (x / fast - 1.0), limit, unit="%")
+        records = further_products(fit, tried, len(guess.more))
+        return Followed(
+            {"limit": limit, "away": away}, itemgetter(FRICTION), records, {"tried": tried}
         )
 
-    def judgements(self, f: Mapping[str, Figure], r: IdentifiedOrientator) -> list[Judgement]:
+    def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
         """The friction, the largest rotor speed, and what to record next."""
         if r.fit.misfit:
-            return fitting.misfit("a friction explains these stage times", misfits(r))
-        mu, fast = f[fitting.figure_name(FRICTION)], max(r.speeds)
+            return misfit("a friction explains these stage times", misfits(r))
+        mu, fast = f[figure_name(FRICTION)], max(r.guess)
         return [
             Judgement(
                 "the fastest product of the record is below the largest rotor speed",
@@ -125,15 +129,15 @@ class OrientatorIdentify(Question, RecordOptions):
                 no=f"The rotor may turn at up to {f['limit'].brief()} only; the fastest product of the record has",
             ),
             Judgement("friction between cup and wall", mu),
-            fitting.next_record(r.advice, mu.error or math.inf, "the friction", ""),
+            next_record(r.advice, mu.error or math.inf, "the friction", ""),
         ]
 
-    def show(self, f: Mapping[str, Figure], r: IdentifiedOrientator) -> Show:
+    def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:
         """Stage times over the speed, measured and fitted; what is between them; the fastest product."""
         panels = []
         for (name, residual), color in zip(r.fit.residuals.items(), SERIES * len(r.fit.residuals)):
             rows = np.round(residual.times / PERIOD).astype(int) - 1
-            n = np.array(r.speeds)[rows]
+            n = np.array(r.guess)[rows]
             order = np.argsort(n)
             ms: list[Samples] = [1e3 * x[order] for x in (residual.measured, residual.fitted)]
             what = name.removeprefix("orientator.").removeprefix("t_").replace("_", " ")
@@ -145,21 +149,10 @@ class OrientatorIdentify(Question, RecordOptions):
             panels.append(Panel(what, "ms", curves))
         title = "Stage times, measured with twice their noise, and fitted"
         chart = Chart(title, "rotor speed [rpm]", panels)
-        n = max(r.speeds)
+        n = max(r.guess)
         with cosim.quiet():
-            run = run_product(r.machine, r.fit.start_values[FRICTION], n, 1e-3)
+            run = run_product(fitted_machine(r.fit), r.fit.start_values[FRICTION], n, 1e-3)
         return Show([chart], [motion.motion(f"The fitted machine at {n:.4g} rpm", {"": run})])
-
-
-class IdentifiedOrientator(NamedTuple):
-    """A fit, the machine it found, the speeds of its products [rpm], and what each further record would
-    leave of the friction.
-    """
-
-    fit: Identified
-    machine: System
-    speeds: Sequence[float]
-    advice: Sequence[Advice]
 
 
 def product_inputs(speeds: Sequence[float]) -> dict[str, Series]:
@@ -181,7 +174,7 @@ def at_period_ends(name: str, table: Series) -> Series:
     return Series(table.columns, [ends, table.numbers(gaps=True)].__getitem__, label=table.label)
 
 
-def guess(system: System, data: Mapping[str, Series]) -> System:
+def nearest(system: System, data: Mapping[str, Series]) -> System:
     """The machine with the friction whose times are nearest."""
 
     def deviation(machine: System) -> float:
@@ -202,9 +195,16 @@ def guess(system: System, data: Mapping[str, Series]) -> System:
     return min(machines, key=deviation)
 
 
-def fastest_rotor(fit: Identified, machine: System) -> Figure:
+def fitted_machine(fit: Identified) -> System:
+    """Return the machine with the values found, without its products."""
+    mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
+    system = fit.problem.system
+    return replace(system, start={**system.start, **mine}, inputs={})
+
+
+def fastest_rotor(fit: Identified) -> Figure:
     """The fastest rotor that orients [rpm]; its error holds that of friction."""
-    mu = fit.values[FRICTION]
+    mu, machine = fit.values[FRICTION], fitted_machine(fit)
     with cosim.quiet():
         best, *ends = (
             simulated_limit(machine, max(x, LEAST))[1] for x in (mu.value, mu.low, mu.high)
@@ -216,31 +216,18 @@ def fastest_rotor(fit: Identified, machine: System) -> Figure:
     return best._replace(error=deviation)
 
 
-def figures(product_data: IdentifiedOrientator, limit: Figure) -> dict[str, Figure]:
-    """The fastest rotor that orients, how far the record is from it, and all values that were free."""
-    meaning = "largest rotor speed that works"
-    fast = max(product_data.speeds)
-    room = "margin of that speed over the fastest product of the record"
-    reserve = figure_of_figures(lambda x: 100.0 * (x / fast - 1.0), limit, unit="%", meaning=room)
-    of_limit = {"limit": limit._replace(meaning=meaning), "away": reserve}
-    if product_data.fit.misfit:
-        refused = Figure.undetermined("1", "no friction fits the record", f"{FRICTION}, fitted")
-        return {fitting.figure_name(FRICTION): refused, **of_limit}
-    return fitting.fitted_figures(product_data.fit) | of_limit
-
-
-def advice(fit: Identified, tried: Sequence[int], count: int) -> list[Advice]:
-    """What as many products at these speeds [rpm] would leave of the interval of friction."""
+def further_products(fit: Identified, tried: Sequence[int], count: int) -> dict[str, Experiment]:
+    """Return the same products again, and as many at each of these speeds [rpm]."""
     noise = {column.port.name: column.noise.sigma for column in fit.problem.columns}
     stop = PERIOD * count
     experiments = {"the same products again": Experiment({}, noise, stop)}
     for n in tried:
         inputs = product_inputs([n * math.pi / 30] * count)
         experiments[f"{count} products at {n} rpm"] = Experiment({}, noise, stop, (), inputs)
-    return cosim.advise(fit, experiments, lambda v: v[FRICTION])
+    return experiments
 
 
-def misfits(r: IdentifiedOrientator) -> list[str]:
+def misfits(r: Fitted) -> list[str]:
     """Why no friction fits, by stages and products."""
     fit, sentences = r.fit, []
     (low, high), sum = fit.band, fit.chi2
@@ -255,6 +242,6 @@ def misfits(r: IdentifiedOrientator) -> list[str]:
         row = round(residual.times[k] / PERIOD) - 1
         sentences.append(
             f"{name}: off by {math.sqrt(float(np.mean(deviation**2))):.1f} times the noise, rms, and at "
-            f"most by {deviation[k]:+.1f} times, at {r.speeds[row]:.4g} rpm, row {row + 2}."
+            f"most by {deviation[k]:+.1f} times, at {r.guess[row]:.4g} rpm, row {row + 2}."
         )
     return sentences

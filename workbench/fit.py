@@ -1,12 +1,13 @@
-"""Shared by questions that fit a machine to a record: its options, figures, rows and pictures."""
+"""A system that is fitted to a record: the method, the options of a record, and the rows and pictures of a fit."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,11 +19,14 @@ from cosim.dense import Array as Samples
 from cosim.system import Value, connect
 from cosim.units import QUANTITY, multiples
 
-from .answer import Table
+from .answer import Findings, Table
 from .charts.model import Chart, Curve, Mark, Panel
 from .figure import Figure, listed
 from .judgement import Judgement
 from .options import Options, option
+
+if TYPE_CHECKING:
+    from .context import Context
 
 #: Share by which the errors after two records may differ and both are as good; chosen: errors are not known better.
 SAME = 0.05
@@ -34,6 +38,106 @@ FIT_ERROR_SCOPE = (
 PRIOR = re.compile(
     r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
 )
+
+
+class Guess(NamedTuple):
+    """What a fit begins with: a system that moves nearly as its record does, and the values that are free.
+
+    `settings` are those of `cosim.identify`, `facts` and `defaults` those of `Findings`, `more` is of the question.
+    """
+
+    system: System
+    record: Mapping[str, Series]
+    free: Sequence[str]
+    settings: Mapping[str, Any] = MappingProxyType({})
+    facts: Mapping[str, Any] = MappingProxyType({})
+    defaults: Mapping[str, Any] = MappingProxyType({})
+    more: Any = None
+
+
+class Followed(NamedTuple):
+    """What follows from a fit: figures, a function of the values and records that narrow it, facts, `more` of the question."""
+
+    figures: Mapping[str, Figure]
+    narrowed: Callable[[Mapping[str, float]], float]
+    records: Mapping[str, Experiment]
+    facts: Mapping[str, Any] = MappingProxyType({})
+    more: Any = None
+
+
+class Fitted(NamedTuple):
+    """A fit, what each further record would leave of an interval, and what the question keeps of guess and fit."""
+
+    fit: Identified
+    advice: Sequence[Advice]
+    guess: Any
+    more: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """The system of a question fitted to its record; the errors are the 95 % intervals of the fit.
+
+    A question of `RecordOptions` says with `guess(context)` where it begins, and with `follow(context, guess, fit)` what
+    follows from a fit.
+
+    Attributes
+    ----------
+    kind : str
+        What is sought, "drive of this kind"; a record that none fits has no figures.
+    quantities : mapping of str to pairs of str
+        Units and meanings of figures besides those of the values that are free.
+    exact : sequence of str
+        Values that are taken as exact, unless they are free.
+    unit : str
+        That of what is narrowed.
+    """
+
+    kind: str
+    quantities: Mapping[str, tuple[str, str]]
+    exact: Sequence[str]
+    unit: str = "1"
+
+    def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
+        """Fit one question's system after the other."""
+        return [self.findings(o, context) for o in asked]
+
+    def findings(self, o: Any, context: Context) -> Findings:
+        """Fit, and say what follows, or refuse all figures."""
+        guess: Guess = o.guess(context)
+        fit = o.identify(guess.system, guess.record, guess.free, **guess.settings)
+        more: dict[str, Any] = dict(guess.facts)
+        advice: Sequence[Advice] = ()
+        kept = None
+        if fit.misfit:
+            why = f"no {self.kind} fits the record"
+            free = {
+                figure_name(name): (x.unit or "1", f"{name}, fitted")
+                for name, x in fit.values.items()
+            }
+            figures = {
+                name: Figure.undetermined(unit, why, text)
+                for name, (unit, text) in {**self.quantities, **free}.items()
+            }
+        else:
+            follows: Followed = o.follow(context, guess, fit)
+            figures = {
+                name: follows.figures[name]._replace(meaning=text)
+                for name, (_, text) in self.quantities.items()
+            }
+            figures |= fitted_figures(fit)
+            advice = cosim.advise(fit, follows.records, follows.narrowed)
+            more |= follows.facts
+            kept = follows.more
+        return Findings(
+            figures,
+            Fitted(fit, advice, guess.more, kept),
+            fit.problem.system,
+            fit.result.provenance,
+            tables=tables(fit, advice, o.name, self.unit),
+            facts=more | facts(fit, advice, self.exact),
+            defaults=guess.defaults,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -261,7 +365,7 @@ def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> J
     )
 
 
-def charts(fit: Identified, labels: Mapping[str, tuple[str, str]]) -> list[Chart]:
+def fitted_charts(fit: Identified, labels: Mapping[str, tuple[str, str]]) -> list[Chart]:
     """Each column measured, fitted and what is between them; `labels` are their words and colors."""
     pictures = []
     for name, residual in fit.residuals.items():
