@@ -1,6 +1,6 @@
 """How the figures of a question are measured: the only places where their errors come from.
 
-`Run` does a certified run, `Orbit` in `orbits` seeks the steady turn of an angle. What a question declares as `numbers` is
+`Run` does a certified run, `Orbit` in `orbits` seeks the steady turn of an angle, `Fit` in `fit` fits to a record. What a question declares as `numbers` is
 read from either.
 """
 
