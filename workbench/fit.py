@@ -75,7 +75,7 @@ class Fitted(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class RecordFit:
     """The system of a question fitted to its record; the errors are the 95 % intervals of the fit.
 
     A question of `RecordOptions` says with `guess(context)` where it begins, and with `follow(context, guess, fit)` what
@@ -99,11 +99,11 @@ class Fit:
     unit: str = "1"
 
     def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
-        """Fit one question's system after the other."""
+        """RecordFit one question's system after the other."""
         return [self.findings(o, context) for o in asked]
 
     def findings(self, o: Any, context: Context) -> Findings:
-        """Fit, and say what follows, or refuse all figures."""
+        """RecordFit, and say what follows, or refuse all figures."""
         guess: Guess = o.guess(context)
         fit = o.identify(guess.system, guess.record, guess.free, **guess.settings)
         more: dict[str, Any] = dict(guess.facts)

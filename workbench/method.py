@@ -1,7 +1,7 @@
 """How the figures of a question are measured: the only places where their errors come from.
 
-`Run` does a certified run, `Orbit` in `orbits` seeks the steady turn of an angle, `Fit` in `fit` fits to a record. What a question declares as `numbers` is
-read from either.
+`Run` does a certified run, `Orbit` in `orbits` seeks the steady turn of an angle, `RecordFit` in `fit` fits to a record. What a
+question declares as `numbers` is read from the first two.
 """
 
 from __future__ import annotations

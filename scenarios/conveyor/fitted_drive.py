@@ -25,7 +25,7 @@ from .first_order import FIELDS, Machine
 from .options import RippleOptions
 
 CHANGED = {"conveyor.rotor.J": "rotor_j", "motor.T": "motor_t"}
-QUANTITIES = {
+DRIVE_QUANTITIES = {
     "nu_res": ("rad/s", "resonance by formula (22) of the fitted machine"),
     "away": ("%", "operating speed above the resonance"),
     "tau2": ("N.m", "torque ripple at the operating speed"),
@@ -86,7 +86,7 @@ def figures(o: RippleOptions, context: Context, drive_data: IdentifiedDrive) -> 
         edge = near[k] if near else nowhere
         all_figures[name] = with_error_of_theory(o, context, edge, lambda x: (best, x))
     for name, key in CHANGED.items():
-        clear = value_at_limit(o, drive_data, name, QUANTITIES[f"clear_{key}"][0])
+        clear = value_at_limit(o, drive_data, name, DRIVE_QUANTITIES[f"clear_{key}"][0])
         all_figures[f"clear_{key}"] = with_error_of_theory(
             o,
             context,

@@ -35,10 +35,10 @@ from workbench.charts import model as colors
 from workbench.charts.model import SecondUnit, Span
 from workbench.fit import (
     FIT_ERROR_SCOPE,
-    Fit,
     Fitted,
     Followed,
     Guess,
+    RecordFit,
     RecordOptions,
     fitted_charts,
     further_records,
@@ -48,7 +48,13 @@ from workbench.fit import (
 from workbench.judgement import Holds
 
 from ..first_order import SETS, Machine
-from ..fitted_drive import CHANGED, QUANTITIES, IdentifiedDrive, figures, stretches_above_limit
+from ..fitted_drive import (
+    CHANGED,
+    DRIVE_QUANTITIES,
+    IdentifiedDrive,
+    figures,
+    stretches_above_limit,
+)
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
 from ..motion import moving
@@ -73,9 +79,9 @@ class Identify(Question, RecordOptions, RippleOptions):
     parts = DRIVE
     sources = cited(22)
     error_scope = FIT_ERROR_SCOPE
-    method = Fit(
+    method = RecordFit(
         kind="machine of this kind",
-        quantities=QUANTITIES,
+        quantities=DRIVE_QUANTITIES,
         exact=("conveyor.crank.r", "conveyor.trough.m", "conveyor.spring.c"),
         unit="rad/s",
     )

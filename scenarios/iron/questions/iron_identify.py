@@ -37,10 +37,10 @@ from workbench.charts.model import TORQUE as RED
 from workbench.figure import figure_of_figures
 from workbench.fit import (
     FIT_ERROR_SCOPE,
-    Fit,
     Fitted,
     Followed,
     Guess,
+    RecordFit,
     RecordOptions,
     figure_of,
     fitted_charts,
@@ -76,7 +76,7 @@ class IronIdentify(Question, RecordOptions):
     fixed_starts = (SUPPLY, *STATES[1:])
     error_scope = FIT_ERROR_SCOPE
     is_sequential = True
-    method = Fit(
+    method = RecordFit(
         kind="drive of this kind",
         quantities={
             "mu": ("1", "guide friction over the pull of the chain"),

@@ -32,10 +32,10 @@ from workbench.charts.model import SERIES
 from workbench.figure import figure_of_figures
 from workbench.fit import (
     FIT_ERROR_SCOPE,
-    Fit,
     Fitted,
     Followed,
     Guess,
+    RecordFit,
     RecordOptions,
     figure_name,
     misfit,
@@ -68,7 +68,7 @@ class OrientatorIdentify(Question, RecordOptions):
     fixed_starts = (SPEED, DROP, FRICTION)
     error_scope = FIT_ERROR_SCOPE
     is_sequential = True
-    method = Fit(
+    method = RecordFit(
         kind="friction",
         quantities={
             "limit": ("rpm", "largest rotor speed that works"),
