@@ -1,4 +1,4 @@
-"""scenarios list | run NAME or FILE.py [options] | study FILE.toml [options]."""
+"""scenarios list | run NAME or FILE.py [options] | find NAME or FILE.py [options] | study FILE.toml [options]."""
 
 import sys
 from collections.abc import Sequence

@@ -10,6 +10,7 @@ from functools import cached_property
 from html import escape
 from io import StringIO
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,9 +23,12 @@ from .charts.model import Picture
 from .charts.motion import Motion
 from .figure import ERROR_SCOPE, Figure
 from .judgement import Judgement
+from .options import Options, declared
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from .remedies import Search
 
 #: Warnings that are printed; the JSON file has all. It is a convention of this project.
 PRINTED_WARNINGS = 3
@@ -157,7 +161,7 @@ class Answer(Findings):
     `show` is called for picture and page. Names of parameters are those of the system, "motor.T". `live`
     is what the page needs to ask again, or why it has no sliders. It is `refused` if the figures that it hangs on are not
     determined. `sources` are papers whose formulas the question names, and where they are described.
-    `error_scope` says what the errors of the figures cover.
+    `error_scope` says what the errors of the figures cover. `search` finds what would make judgements good that are not.
     As text it is what the command line prints; `picture` gives the picture that a notebook shows as well.
     """
 
@@ -172,6 +176,7 @@ class Answer(Findings):
     refused: bool = False
     sources: Sequence[tuple[str, str]] = ()
     error_scope: str = ERROR_SCOPE
+    search: Search | None = None
     picture: Callable[[Answer], str] = lambda _: ""
 
     @property
@@ -218,3 +223,14 @@ def parameters(system: System, leaving_out: Iterable[str] = ()) -> dict[str, Giv
                 if value is not None and port.name not in leaving_out:
                     values[port.name] = GivenValue(value, port.unit, variable.description or "")
     return values
+
+
+def option_values(
+    o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, GivenValue]:
+    """Return the options of an answer, with the question's `defaults` for those left to it."""
+    values = vars(o) | {name: x for name, x in defaults.items() if vars(o)[name] in (None, ())}
+    return {
+        key: GivenValue(values[key], option.unit, option.meaning)
+        for key, option in declared(type(o)).items()
+    }

@@ -1,10 +1,11 @@
-"""list | run NAME or FILE.py [options] | study FILE.toml [options]."""
+"""list | run NAME or FILE.py [options] | find NAME or FILE.py [options] | study FILE.toml [options]."""
 
 from __future__ import annotations
 
 import logging
+import math
 import sys
-from argparse import ArgumentTypeError, RawDescriptionHelpFormatter
+from argparse import ArgumentTypeError, BooleanOptionalAction, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,13 +20,16 @@ from .project import FLAVOURS, Project
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
 #: of this project.
 REFUSED = 3
-USAGE = "list | run NAME or FILE.py [options] | study FILE.toml [options]"
+#: How long remedies may be sought where nobody asks for them [s]: chosen, one waits so long for an answer.
+SEARCH_SECONDS = 10.0
+USAGE = "list | run NAME or FILE.py [options] | find NAME or FILE.py [options] | study FILE.toml [options]"
 
 SUMMARY = """\
 Ask questions about machines made of FMUs; answers are figures with errors, tables, pictures and pages.
 
   {0} list             prints the questions, a line each
   {0} run NAME         answers one of them, or the question in a file of yours, NAME.py
+  {0} find NAME        finds where a figure of a question reaches a level
   {0} study FILE.toml  asks a question many times, with varied inputs (docs/studies.md)
 """
 
@@ -92,6 +96,11 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument(
         "--animate", action="store_true", help="also write the motions as GIF files"
     )
+    parser.add_argument(
+        "--remedies",
+        action=BooleanOptionalAction,
+        help="say what would make an answer good that is not (default: if it takes no longer than about 10 s)",
+    )
     parsed, rest = parser.parse_known_args(argv[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
@@ -102,11 +111,60 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     folder = Path("results") / question.name
     args["out"] = args.get("out", folder / vars(o).get("set", ""))
     animate = args.pop("animate")
+    seconds = {None: SEARCH_SECONDS, True: math.inf, False: 0.0}[args.pop("remedies", None)]
     with reservation(args["out"]):
         answer = ask(project, argv[0], options, **args, program=program)
         with as_question_errors(question.module):
-            print_and_write(answer, args["out"], animate=animate)
+            print_and_write(answer, args["out"], animate=animate, seconds=seconds)
     return REFUSED if answer.refused else 0
+
+
+def find_values(argv: Sequence[str], project: Project, program: str) -> int:
+    """Print for which values of inputs a figure of a question reaches a level."""
+    top = Parser(
+        prog=f"{program} find",
+        usage=f'{program} find NAME|FILE.py --vary NAME=LOW:HIGH --until "FIGURE = VALUE UNIT" [options]',
+        description="Find where a figure reaches a level, over one input after the other.",
+    )
+    top.add_argument("question", metavar="NAME|FILE.py")
+    question = project.load(top.parse_args(argv[:1]).question)
+    from cosim import System
+    from cosim.cli.options import assignment
+    from cosim.system import connect
+
+    from .context import Context
+    from .options import add_arguments, declared
+    from .remedies import values_until
+    from .study.file import read_find
+
+    parser = Parser(
+        prog=top.prog, usage=top.usage, description=question.module.__doc__,
+        formatter_class=RawDescriptionHelpFormatter, allow_abbrev=False,
+    )  # fmt: skip
+    add_arguments(parser, question)
+    parser.add_argument(
+        "--vary", action="append", required=True, metavar="NAME=LOW:HIGH",
+        help="an option or a start value, and its range (repeatable: one after the other)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--until", required=True, metavar="TEXT", help='what is wanted, "lag = 90 deg" or "tau2 <= 50 N.m"'
+    )  # fmt: skip
+    parser.add_argument("--flavour", choices=FLAVOURS, help="flavour of the FMUs")
+    args = vars(parser.parse_args(argv[1:]))
+    fmus = project.fmus(question, args["flavour"] or project.flavour(question))
+    network = connect(System(fmus)) if fmus else None
+    varied = []
+    for name, ends in map(assignment, args["vary"]):
+        low, _, high = ends.partition(":")
+        spec = {"over": name, "from": low, "to": high, "figure": "figure", "level": 0.0}
+        one = read_find(question, "vary", spec)
+        unit = network.port(name).unit if network and "." in name else one.unit
+        varied.append(one._replace(unit=unit))
+    options = {x: args[x] for x in (*declared(question), "start") if args[x] is not None}
+    with as_question_errors(question.module):
+        for line in values_until(question.parse(options), Context(fmus), args["until"], varied):
+            print(line)
+    return 0
 
 
 def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -> SetupError:
@@ -173,4 +231,4 @@ def _folder(text: str) -> Path:
     return Path(text)
 
 
-COMMANDS = {"list": show_list, "run": run, "study": study}
+COMMANDS = {"list": show_list, "run": run, "find": find_values, "study": study}

@@ -22,6 +22,7 @@ from .charts.gif import gif
 from .charts.mpl import draw
 from .files import replacement
 from .page.html import report
+from .remedies import with_remedies
 from .runs.folder import reservation
 
 #: File name of the page.
@@ -145,15 +146,21 @@ def _asked_values(content: Mapping[str, Any]) -> dict[str, Any]:
     return {**values, "flavour": content["flavour"]} if "flavour" in content else values
 
 
-def print_and_write(answer: Answer, folder: Path, *, animate: bool = False) -> None:
+def print_and_write(
+    answer: Answer, folder: Path, *, animate: bool = False, seconds: float = 0.0
+) -> None:
     """Print the verdict, the figures and the FMUs' warnings; then write the files, and print where they are.
 
-    An answer to other values that the folder has is replaced, which is said on stderr.
+    An answer to other values that the folder has is replaced, which is said on stderr. Remedies are sought and printed behind
+    the answer if that takes no longer than so many seconds.
     """
     if text := replacement_notice(answer, folder):
         print(text, file=sys.stderr)
     if text := repr(answer):
         print(text, flush=True)
+    answer, lines = with_remedies(answer, seconds)
+    for line in lines:
+        print(line, flush=True)
     names = write(answer, folder, animate=animate)
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:

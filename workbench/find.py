@@ -3,25 +3,27 @@
 Crossings are bracketed on a grid of runs. With a *guide*, a figure that formulas give without a run, what is interpolated
 between them is the smooth ratio of both, and crossings are looked for on many points; without one, the grid is halved
 until two in sequence tell the same crossings apart. Secants then take runs of their own; those of all searches are asked
-together, round by round.
+together, round by round. Where a secant leaves its bracket or ends nowhere, as at a jump, the bracket is narrowed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.optimize.elementwise import find_root
 
-from cosim import SetupError
+from cosim import SetupError, SimulationError
 
+from .answer import Findings
 from .context import Context
 from .figure import Figure
 from .question import Question
-from .roots import Estimates, ZeroCrossing, secant
+from .roots import Estimates, secant
 
 Array = NDArray[np.float64]
 #: Points of the grid with a guide; and without one, the first, and the most. They are conventions.
@@ -30,6 +32,10 @@ WITH_GUIDE, FIRST, MOST = 9, 9, 129
 DENSE = 1000
 #: Points in sequence at the level, within their errors, that are a stretch and no crossing.
 STRETCH = 3
+#: Width to which the bracket of a jump is narrowed, over its place: a convention, a tenth of what four digits tell.
+JUMP_WIDTH = 1e-5
+#: Gives a number that is sought to be 0, and its error, of what a question finds, or why it is refused.
+Residual = Callable[[Question, Findings | SetupError], tuple[float, float]]
 
 
 class Find(NamedTuple):
@@ -41,8 +47,8 @@ class Find(NamedTuple):
         An option, or a start value, which has a dot; its values are above 0.
     low, high : float
         Between which of its values.
-    figure : str
-        The figure.
+    figure : str or callable
+        The figure; or any number, whose level is 0.
     level : float or str
         Its level, or another figure.
     guide : str
@@ -56,8 +62,8 @@ class Find(NamedTuple):
     over: str
     low: float
     high: float
-    figure: str
-    level: float | str
+    figure: str | Residual
+    level: float | str = 0.0
     guide: str = ""
     which: Literal["first", "all"] = "first"
     unit: str = ""
@@ -76,11 +82,7 @@ class _LevelSearch:
 
     def at(self, x: float) -> Question:
         """Return the question at a value."""
-        if "." in self.find.over:
-            start: Any = {**self.question.start, self.find.over: x}
-            return replace(self.question, start=start)
-        changed: Any = {self.find.over: x}
-        return replace(self.question, **changed)
+        return self.question.with_value(self.find.over, x)
 
     def wanted(self) -> Array:
         """Return where the grid is to be asked: at first, or halved while it tells other crossings apart than before."""
@@ -102,8 +104,8 @@ class _LevelSearch:
             np.append(a, b)[order] for a, b in ((self.x, x), (self.y, y), (self.error, error))
         )
 
-    def crossings(self) -> list[ZeroCrossing]:
-        """Return where the level is passed, about, and the slopes there."""
+    def crossings(self) -> Array:
+        """Return where the level is passed, about, the slopes there, and between what, shape (crossings, 4)."""
         known = np.isfinite(self.y)
         x, y = self.x[known], self.y[known]
         flat = np.abs(y) <= self.error[known]
@@ -111,10 +113,11 @@ class _LevelSearch:
         if (runs == STRETCH).any():
             a, b = x[flat][[0, -1]]
             self.reason = f"{self.find.figure} is at its level, within its error, from {a:g} to {b:g} {self.find.unit}"
-            return []
+            return np.empty((0, 4))
         if len(x) <= 1:
             self.reason = f"{self.find.figure} has fewer than two values from {self.find.low:g} to {self.find.high:g} {self.find.unit}"
-            return []
+            return np.empty((0, 4))
+        asked = x
         if self.find.guide:
             x, y = self._along_guide(x, y)
         k = np.flatnonzero(np.diff(np.sign(y)) != 0)
@@ -122,9 +125,8 @@ class _LevelSearch:
         if not len(k):
             side = "above" if y[0] > 0.0 else "below"
             self.reason = f"{self.find.figure} stays {side} its level from {x[0]:g} to {x[-1]:g} {self.find.unit}"
-        return [
-            ZeroCrossing(*pair) for pair in zip((x[k] - y[k] / slopes).tolist(), slopes.tolist())
-        ]
+        above = np.searchsorted(asked, x[k], side="right")
+        return np.column_stack([x[k] - y[k] / slopes, slopes, asked[above - 1], asked[above]])
 
     def figure(self, roots: Estimates, k: int) -> Figure:
         """Return root k as a figure, or with -1 why there is none."""
@@ -171,15 +173,26 @@ def find(context: Context, sought: Sequence[tuple[Question, Find]]) -> list[list
         for k, search in enumerate(searches)
         for place in search.crossings()[: 1 if search.find.which == "first" else None]
     ]
+    which = [k for k, _ in places]
+    x, slope, low, high = np.array([place for _, place in places], float).reshape(-1, 4).T
 
-    def residual(x: Array) -> tuple[Array, Array]:
+    def residual(x: Array, of: Sequence[int]) -> tuple[Array, Array]:
         values = np.full((2, len(x)), np.nan)
         some = np.flatnonzero(np.isfinite(x))
-        values[:, some] = _ask(context, [(searches[places[k][0]], float(x[k])) for k in some])
+        values[:, some] = _ask(context, [(searches[of[k]], float(x[k])) for k in some])
         return values[0], values[1]
 
-    roots = secant(residual, *np.array([place for _, place in places], float).reshape(-1, 2).T)
-    which = [k for k, _ in places]
+    roots = secant(lambda x: residual(x, which), x, slope)
+    lost = np.flatnonzero(~((low <= roots.x) & (roots.x <= high)))
+    if len(lost):
+        value: Any = lambda x, of: residual(x, of)[0]
+        narrow = find_root(
+            value, (low[lost], high[lost]), args=(np.array(which)[lost],),
+            tolerances={"xatol": 0.0, "xrtol": JUMP_WIDTH, "fatol": 0.0, "frtol": 0.0},
+        )  # fmt: skip
+        some, (a, b) = lost[narrow.success], (end[narrow.success] for end in narrow.bracket)
+        roots.x[some], roots.error[some] = (a + b) / 2.0, np.abs(b - a) / 2.0
+        roots.reasons[some] = ""
     return [
         [search.figure(roots, j) for j, n in enumerate(which) if n == k]
         or [search.figure(roots, -1)]
@@ -187,19 +200,42 @@ def find(context: Context, sought: Sequence[tuple[Question, Find]]) -> list[list
     ]
 
 
+def solve_each(context: Context, asked: Sequence[Question]) -> list[Findings | SetupError]:
+    """Return what each of several questions of one class finds, or why it is refused or its run ends early.
+
+    So many are solved at a time as the class says, in halves where one of them fails.
+    """
+    found: list[Findings | SetupError] = []
+    number = type(asked[0]).at_once if asked else 1
+    for k in range(0, len(asked), number):
+        some = asked[k : k + number]
+        try:
+            found += type(some[0]).solve_all(context, some)
+        except (ValueError, ArithmeticError, LookupError, SimulationError) as error:
+            half = len(some) // 2
+            halves = (some[:half], some[half:]) if half else ()
+            found += [x for part in halves for x in solve_each(context, part)] or [
+                SetupError(str(error))
+            ]
+    return found
+
+
 def _ask(context: Context, points: Sequence[tuple[_LevelSearch, float]]) -> Array:
     """The figures less their levels at values of searches, and their errors, shape (2, points); nan where there is none."""
-    asked = [search.at(x) for search, x in points]
-    found = type(asked[0]).solve_all(context, asked) if asked else []
+    keys = [(id(search.question), search.find.over, x) for search, x in points]
+    asked = {key: search.at(x) for key, (search, x) in zip(keys, points)}
+    found = dict(zip(asked, solve_each(context, list(asked.values()))))
     values = [
-        _less_level(search.find, {} if isinstance(one, SetupError) else one.figures)
-        for (search, _), one in zip(points, found)
+        _less_level(search.find, asked[key], found[key]) for key, (search, _) in zip(keys, points)
     ]
     return np.array(values, float).reshape(-1, 2).T
 
 
-def _less_level(sought: Find, figures: Mapping[str, Figure]) -> tuple[float, float]:
+def _less_level(sought: Find, o: Question, found: Findings | SetupError) -> tuple[float, float]:
     """A figure less its level, and the error of that; nan where it has none."""
+    if not isinstance(sought.figure, str):
+        return sought.figure(o, found)
+    figures = {} if isinstance(found, SetupError) else found.figures
     names = [sought.figure, *([sought.level] if isinstance(sought.level, str) else [])]
     for name in names:
         if figures and name not in figures:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from numbers import Real
@@ -89,19 +89,27 @@ class Judgement:
         answers = [x for x in (self._of_figure(), *(x.answer for x in self.also)) if x]
         return next((x for x in (Holds.NO, Holds.OPEN, Holds.YES) if x in answers), None)
 
+    @property
+    def margin(self) -> tuple[float, float]:
+        """How far it is from turning, over its bound, and the error of that: above 0 where one has what one wants.
+
+        It is 1 or -1 where no number decides, and -1 where one is not determined.
+        """
+        every = list(_with_also(self))
+        figures = [y for x in every for y in (x.figure, x.least, x.most) if isinstance(y, Figure)]
+        is_unknown = self.answer is Holds.OPEN and any(y.error is None for y in figures)
+        if self.is_so is not None or is_unknown:
+            return (1.0 if self.good else -1.0), 0.0
+        room, error = min(y for x in every for y in _rooms(x))
+        return (room if self.is_wanted else -room), error
+
     def _of_figure(self) -> Holds | None:
-        bounds = [(bounded(x, self.figure), s) for x, s in ((self.least, 1.0), (self.most, -1.0))]
-        bounds = [(bound, sign) for bound, sign in bounds if not math.isinf(bound.value)]
+        rooms, bounds = _rooms(self), _bounds(self)
         if self.figure is None or not bounds:
             return None
-        room = [
-            (sign * (self.figure.value - bound.value), (self.figure.error or 0.0) + bound.error)
-            for bound, sign in bounds
-            if self.figure.error is not None and bound.error is not None
-        ]
-        if any(distance + error < 0.0 for distance, error in room):
+        if any(room + error < 0.0 for room, error in rooms):
             return Holds.NO
-        is_sure = len(room) == len(bounds) and all(d - error >= 0.0 for d, error in room)
+        is_sure = len(rooms) == len(bounds) and all(room - error >= 0.0 for room, error in rooms)
         return Holds.YES if is_sure else Holds.OPEN
 
     @property
@@ -175,6 +183,31 @@ class Judgement:
             "also": [x.json() for x in self.also],
             "text": self.text(),
         }
+
+
+def _with_also(judgement: Judgement) -> Iterator[Judgement]:
+    """Give a judgement and all that must hold as well."""
+    yield judgement
+    for x in judgement.also:
+        yield from _with_also(x)
+
+
+def _bounds(judgement: Judgement) -> list[tuple[Figure, float]]:
+    """The bounds that a judgement has, with 1 for the least and -1 for the most."""
+    both = ((judgement.least, 1.0), (judgement.most, -1.0))
+    bounds = [(bounded(x, judgement.figure), sign) for x, sign in both]
+    return [(bound, sign) for bound, sign in bounds if not math.isinf(bound.value)]
+
+
+def _rooms(judgement: Judgement) -> list[tuple[float, float]]:
+    """How far a figure is within each bound, over the bound, and the errors of that."""
+    figure = judgement.figure
+    return [
+        (sign * (figure.value - bound.value) / scale, (figure.error + bound.error) / scale)
+        for bound, sign in _bounds(judgement)
+        if figure and figure.error is not None and bound.error is not None
+        for scale in [abs(bound.value) or 1.0]
+    ]
 
 
 def share_text(share: float) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cached_property
 from inspect import isfunction
@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from .context import Context
 
 #: Names that the command line takes for every question.
-RESERVED_OPTIONS = ("help", "start", "flavour", "jobs", "scheduler", "out", "animate")
+RESERVED_OPTIONS = (
+    "help", "start", "flavour", "jobs", "scheduler", "out", "animate", "remedies",
+)  # fmt: skip
 #: The tables of a question, and what each contains.
 TABLES = {
     "wires": '"a.w -> b.w"', "fixed_starts": '"a.w"', "record": '"a.w"', "decisive": '"figure"',
@@ -151,6 +153,15 @@ class Question(Options):
         """The options that are numbers, which formulas may name."""
         return {name: float(x) for name in declared(type(self)) if isinstance(x := getattr(self, name), int | float)}  # fmt: skip
 
+    def with_value(self, name: str, x: float) -> Self:
+        """Return the question with a value of an option, or of a start value, whose name has a dot."""
+        changed: Any = {"start": {**self.start, name: x}} if "." in name else {name: x}
+        return replace(self, **changed)
+
+    def probe(self) -> Self:
+        """Return the question with no more than its judgements need, which searches ask in its place."""
+        return self
+
     def run_options(self) -> RunOptions:
         """Return stop, step and algorithm of the certified runs."""
         options: Any = self
@@ -190,7 +201,7 @@ class Question(Options):
         return {}
 
     def judgements(self, figures: Mapping[str, Figure], results: Any) -> Sequence[Judgement]:
-        """Return what the answer claims, first what decides it."""
+        """Return what the answer claims, first what decides it; claims with bounds in one order for all values of options."""
         return ()
 
     def show(self, figures: Mapping[str, Figure], results: Any) -> Show:

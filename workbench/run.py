@@ -21,16 +21,18 @@ from cosim import SetupError, System
 from cosim.system import connect
 
 from . import catalog, export, live
-from .answer import Answer, Findings, GivenValue, Show, parameters
+from .answer import Answer, Findings, Show, option_values, parameters
 from .catalog import QuestionError, as_question_errors
 from .context import IN_PROCESS, Context, captured_log_warnings
 from .figure import Figure, checked_figures
 from .find import Find, find
 from .judgement import lines
+from .live import Live
 from .live.build import for_shell
-from .options import Options, at_least, check_fixed_starts, declared
+from .options import at_least, check_fixed_starts
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
+from .remedies import Search
 from .runs.cluster import ClusterRunner
 from .runs.fingerprint import computation
 from .runs.folder import reservation
@@ -137,14 +139,19 @@ def answer(
         found(question, o, fmus, runner, out) as findings,
     ):
         judgements = tuple(o.judgements(findings.figures, findings.data))
+        live_page = o.live(findings.figures, findings.data)
         system = findings.system or System({})
         values = parameters(system, question.fixed_starts) if system.parts else {}
-        live_part = live.of(o.live(findings.figures, findings.data), o, findings, modules, command)
+        live_part = live.of(live_page, o, findings, modules, command)
 
     def show() -> Show:
         with captured_log_warnings(), as_question_errors(question.module):
             return Show(*o.show(findings.figures, findings.data))
 
+    options = option_values(o, findings.defaults)
+    sliders = live_page.sliders if isinstance(live_page, Live) else o.sliders
+    files = [*fmus.values(), *question.own_files]
+    context = Context(fmus, replace(runner, page=question.locator, files=files))
     provenance = findings.provenance or _provenance(
         system, findings.algorithm, findings.communication
     )
@@ -158,10 +165,11 @@ def answer(
         question=question.title,
         verdict="\n".join(lines(judgements)),
         judgements=judgements,
-        options=option_values(o, findings.defaults),
+        options=options,
         parameters=values,
         show=show,
         live=live_part,
+        search=Search.of(o, context, judgements, sliders, {**values, **options}),
         refused=is_refused(question, findings.figures),
         sources=question.sources,
         error_scope=question.error_scope,
@@ -316,17 +324,6 @@ def _study_row(findings: Findings, logged: Sequence[str]) -> Row:
     numbers = [(f.value, math.nan if f.error is None else f.error) for _, f in figures]
     texts = [[name, f.unit, f.reason] for name, f in figures]
     return texts, np.array(numbers, float).reshape(-1, 2), [*findings.warnings, *logged]
-
-
-def option_values(
-    o: Options, defaults: Mapping[str, Any] = MappingProxyType({})
-) -> dict[str, GivenValue]:
-    """Return the options of an answer, with the question's `defaults` for those left to it."""
-    values = vars(o) | {name: x for name, x in defaults.items() if vars(o)[name] in (None, ())}
-    return {
-        key: GivenValue(values[key], option.unit, option.meaning)
-        for key, option in declared(type(o)).items()
-    }
 
 
 def _provenance(system: System, algorithm: str | None, communication: str) -> dict[str, Any]:

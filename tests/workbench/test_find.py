@@ -30,7 +30,7 @@ class Curve(Question):
         y = {
             "sine": math.sin(x), "kink": abs(x - 2.0), "plateau": min(max(x - 2.0, 0.0), x - 3.0) if x > 3.0 else min(x - 2.0, 0.0),
             "narrow": math.tanh(300.0 * (x - 2.5)) * math.tanh(300.0 * (2.53 - x)), "hole": x - 2.0,
-            "wave": 2.0 + math.sin(5.0 * x),
+            "jump": -1.0 if x < 2.7 else 3.0, "cliff": math.atan(1e4 * (x - 2.7)), "wave": 2.0 + math.sin(5.0 * x),
         }[self.shape]  # fmt: skip
         if self.shape == "hole" and x > 3.0:
             return Findings({"y": unknown, "square": unknown})
@@ -140,3 +140,10 @@ def test_a_study_may_only_seek(tmp_path: Path) -> None:
         with pytest.raises(SetupError) as refused:
             study(path, out=tmp_path / "wrong")
         assert message in str(refused.value)
+
+
+def test_a_jump_over_the_level_is_an_interval() -> None:
+    for shape in ("jump", "cliff"):
+        (figure,) = places(shape)
+        assert figure.error is not None
+        assert abs(figure.value - 2.7) <= figure.error < 1e-4

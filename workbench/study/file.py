@@ -199,7 +199,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     if count > MAX_RUNS:
         raise SetupError(f"{count} runs are more than {MAX_RUNS}")
     limits = {name: _limit(name, raw) for name, raw in tables["limits"].items()}
-    find = {name: _find(question, name, spec) for name, spec in tables["find"].items()}
+    find = {name: read_find(question, name, spec) for name, spec in tables["find"].items()}
     timeout = TIMEOUT.read(content.get("timeout"))
     return Study(
         path,
@@ -215,7 +215,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     )
 
 
-def _find(question: type[Question], name: str, spec: Any) -> Find:
+def read_find(question: type[Question], name: str, spec: Any) -> Find:
     """What is sought, from {over, from, to, figure, level, guide, which}."""
     key = f"find.{name}"
     if not name.isidentifier() or not isinstance(spec, dict):

@@ -134,6 +134,10 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         """Where the limit of the torque ripple comes from, if neither a rated torque nor a nameplate is given."""
         return "" if self.nameplate else super().default_rating_note
 
+    def probe(self) -> Resonance:
+        """The operating speed alone, without a sweep."""
+        return replace(self, speeds=(self.speed or OPERATING[self.set],), theory=FIRST_ORDER)
+
     def solve(self, context: Context) -> Findings:
         """Sweep the speed, locate the features of the response, and judge the operating speed.
 
