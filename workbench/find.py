@@ -176,7 +176,7 @@ def find(context: Context, sought: Sequence[tuple[Question, Find]]) -> list[list
     which = [k for k, _ in places]
     x, slope, low, high = np.array([place for _, place in places], float).reshape(-1, 4).T
 
-    def residual(x: Array, of: Sequence[int]) -> tuple[Array, Array]:
+    def residual(x: Array, of: Any) -> tuple[Array, Array]:
         values = np.full((2, len(x)), np.nan)
         some = np.flatnonzero(np.isfinite(x))
         values[:, some] = _ask(context, [(searches[of[k]], float(x[k])) for k in some])

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import count, pairwise
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -39,6 +39,8 @@ DIGITS = 4
 ROUNDS, WIDER = 5, 4.0
 #: Runs of a search for an input and a judgement, about: a grid of 17, the rounds of its crossings, what is between them.
 RUNS = 28
+#: Certified runs for an input and a judgement, about: two on each side.
+CERTIFIED = 4.0
 #: Least share of a range that counts as above 0. A convention.
 LEAST_SHARE = 1e-3
 #: Relative change of a figure that is an effect: far above the rounding of its sums.
@@ -48,7 +50,7 @@ MOST_LINES = 5
 TABLE = "remedies.csv"
 #: What a figure shall be.
 UNTIL = re.compile(r"\s*(\w+)\s*(<=|>=|=)\s*(.+)")
-Judge = Callable[[Question, Findings], Judgement]
+Judge = Callable[[Question, Findings], Sequence[Judgement]]
 
 
 class Range(NamedTuple):
@@ -65,31 +67,41 @@ class Range(NamedTuple):
         return f"{self.name} from {self.low:.4g} to {self.high:.4g}{unit_suffix(self.unit)}"
 
 
-class Remedy(NamedTuple):
-    """A value of an input at which a judgement is decided as one wants, as it is on the way to `until`.
+@dataclass
+class Remedy:
+    """An end of a stretch of values of an input over which a judgement is decided as one wants.
 
     Attributes
     ----------
     varied : Range
         The input.
     is_upper : bool
-        Whether larger values do as well, else smaller ones.
-    value : float
-        The value, of four digits where errors allow.
-    error : float
-        At a value so much before it the judgement is not decided that way.
-    until : float
-        The other end of the stretch, of the search alone; an end of the range where there is none.
+        Whether the stretch is above the value, else below it.
+    place, until : float
+        Where the stretch begins and ends by the search.
+    value, outside : float
+        Two values of four digits, where errors allow: at the first the judgement is decided so, at the other it is not.
     turns : sequence of str
-        What is worse then than now: other judgements and their answers.
+        What is worse at the value than now: other judgements and their answers.
     """
 
     varied: Range
     is_upper: bool
-    value: float
-    error: float
+    place: float
     until: float
+    value: float = math.nan
+    outside: float = math.nan
     turns: Sequence[str] = ()
+
+    @property
+    def error(self) -> float:
+        """How far before the value the judgement is not decided so."""
+        return abs(self.value - self.outside)
+
+    @property
+    def change(self) -> float:
+        """The relative change from the present value."""
+        return self.value / self.varied.now - 1.0 if self.varied.now else math.inf
 
     def text(self) -> str:
         """The remedy without the input, "up to 0.0312"."""
@@ -97,14 +109,9 @@ class Remedy(NamedTuple):
         more = "" if self.until == end else f" (as far as about {self.until:.3g})"
         return f"{'from' if self.is_upper else 'up to'} {self.value:.6g}{more}"
 
-    @property
-    def change(self) -> float:
-        """The relative change from the present value."""
-        return self.value / self.varied.now - 1.0 if self.varied.now else math.inf
-
 
 class Remedies(NamedTuple):
-    """What would make a judgement good, the least change first, and the inputs that do not."""
+    """What makes a judgement good, the least change first, and the inputs that do not change it."""
 
     judgement: Judgement
     found: Sequence[Remedy]
@@ -112,18 +119,23 @@ class Remedies(NamedTuple):
 
     def lines(self) -> list[str]:
         """The remedies in words, and what else turns with them."""
-        inputs = dict.fromkeys(x.varied for x in self.found)
         texts = []
-        for x in inputs:
-            both = sorted((y for y in self.found if y.varied == x), key=lambda y: y.is_upper)
-            of_input = " or ".join(y.text() for y in both)
-            texts.append(f"{x.name} {of_input}{unit_suffix(x.unit)} (now {x.now:.6g})")
-        which = f"with {'one of: ' if len(texts) > 1 else ''}{'; '.join(texts)}"
+        for x in dict.fromkeys(x.varied for x in self.found):
+            down, up = (
+                [y for y in self.found if y.varied == x and y.is_upper == u] for u in (False, True)
+            )
+            said = " or ".join(y.text() for y in (*down, *up))
+            if down and up and up[0].value < down[0].value:  # the present value lies between
+                said = f"from {up[0].value:.6g} to {down[0].value:.6g}"
+            texts.append(f"{x.name} {said}{unit_suffix(x.unit)} (now {x.now:.6g})")
         nothing = "; ".join(x.text() for x in self.without)
-        what = f"{self.judgement.what}: {Holds.YES if self.judgement.is_wanted else Holds.NO}"
-        said = [*([which] if texts else []), *([f"not by {nothing}"] if nothing else [])]
+        which = "with one of: " if len(texts) > 1 else "with "
+        clauses = [which + "; ".join(texts)] if texts else []
+        if self.without:
+            clauses.append(f"{'with any ' if self.judgement.good else 'not by '}{nothing}")
+        answer = Holds.YES if self.judgement.is_wanted else Holds.NO
         return [
-            capital(f"{what} {'; '.join(said)}"),
+            capital(f"{self.judgement.what}: {answer} {'; '.join(clauses)}"),
             *(
                 f"But with {x.varied.name} {x.text()}{unit_suffix(x.varied.unit)}: {'; '.join(x.turns)}"
                 for x in self.found
@@ -132,17 +144,12 @@ class Remedies(NamedTuple):
         ]
 
     def rows(self) -> list[dict[str, Any]]:
-        """The remedies for files; one without a value is none in the whole range."""
-        none = [
-            Remedy(x, is_upper=False, value=math.nan, error=math.nan, until=math.nan)
-            for x in self.without
-        ]
+        """The remedies for files; a value that is not there is none in the whole range."""
+        none = [Remedy(x, is_upper=False, place=math.nan, until=math.nan) for x in self.without]
         return [
             {
-                "claim": self.judgement.what, "input": x.varied.name, "unit": x.varied.unit, "now": x.varied.now,
-                "side": ("from" if x.is_upper else "up to") if math.isfinite(x.value) else "none",
-                "value": x.value, "error": x.error, "until": x.until, "change": x.change,
-                "low": x.varied.low, "high": x.varied.high, "turns": "; ".join(x.turns),
+                "claim": self.judgement.what, **x.varied._asdict(), "side": "from" if x.is_upper else "up to",
+                "value": x.value, "error": x.error, "until": x.until, "change": x.change, "turns": "; ".join(x.turns),
             }
             for x in (*self.found, *none)
         ]  # fmt: skip
@@ -165,38 +172,6 @@ def ranges(o: Question, sliders: Sequence[Slider], values: Mapping[str, GivenVal
     return found
 
 
-class Stretch(NamedTuple):
-    """Values between two ends, with the widths within which these are known, where a judgement is good or not."""
-
-    low: float
-    high: float
-    low_error: float
-    high_error: float
-    is_good: bool
-
-
-@dataclass
-class Edge:
-    """An end of a stretch in which a judgement is good, which is being certified: good at `inner`, not at `outer`."""
-
-    judge: int
-    varied: Range
-    place: float
-    error: float
-    until: float
-    is_upper: bool
-    inner: float = math.nan
-    outer: float = math.nan
-    others: Sequence[Judgement] = ()
-    reach: list[float] = field(default_factory=lambda: [0.0, 0.0])
-
-    def value(self, side: int) -> float:
-        """A value of few digits inside (1) or outside (-1) of the stretch, farther away round by round."""
-        upward = side if self.is_upper else -side
-        far = self.error + self.reach[side > 0] * abs(self.place)
-        return rounded_towards(self.place + upward * far, upward)
-
-
 def rounded_towards(x: float, upward: int) -> float:
     """Return a number rounded to DIGITS, up (1) or down (-1)."""
     unit = 10.0 ** (math.floor(math.log10(abs(x))) - DIGITS + 1) if x else 1.0
@@ -206,7 +181,7 @@ def rounded_towards(x: float, upward: int) -> float:
 
 @dataclass(frozen=True)
 class Search:
-    """A search for what would make judgements good.
+    """A search for what makes judgements good.
 
     Attributes
     ----------
@@ -216,42 +191,22 @@ class Search:
         Where.
     ranges : sequence of Range
         What is varied, each alone.
-    judges : sequence of callable
-        Give the judgements of what the question finds.
-    all_judgements : callable
-        Gives those that must not become worse.
+    judge : callable
+        Gives the judgements of what the question finds.
+    wanted : sequence of int
+        The numbers of those that shall be good. The others shall not become worse.
     """
 
     question: Question
     context: Context
     ranges: Sequence[Range]
-    judges: Sequence[Judge]
-    all_judgements: Callable[[Question, Findings], Sequence[Judgement]] = lambda _o, _f: ()
+    judge: Judge
+    wanted: Sequence[int]
 
-    @classmethod
-    def of(
-        cls,
-        o: Question,
-        context: Context,
-        judgements: Sequence[Judgement],
-        sliders: Sequence[Slider],
-        values: Mapping[str, GivenValue],
-    ) -> Search:
-        """Return the search for what would make good the judgements of an answer that are not."""
-
-        def judge(k: int) -> Judge:
-            return lambda o, found: o.judgements(found.figures, found.data)[k]
-
-        bad = [k for k, x in enumerate(judgements) if x.answer is not None and x.good is not True]
-        return cls(
-            o.probe(), context, ranges(o, sliders, values) if bad else [], [judge(k) for k in bad],
-            lambda o, found: o.judgements(found.figures, found.data),
-        )  # fmt: skip
-
-    @cached_property
+    @property
     def is_empty(self) -> bool:
         """Whether there is nothing to search."""
-        return not (self.ranges and self.judges)
+        return not (self.ranges and self.wanted)
 
     @cached_property
     def first(self) -> tuple[Findings | SetupError, Sequence[Range], float]:
@@ -259,181 +214,142 @@ class Search:
         began = perf_counter()
         (now,) = solve_each(self.context, [self.question])
         middle = perf_counter()
-        points = [(x, end) for x in self.ranges for end in (x.low, x.high)]
-        found = self.ask(self.rough, [(x, x.now) for x in self.ranges] + points)
-        at_now, ends = found[: len(self.ranges)], found[len(self.ranges) :]
+        points = [(x, end) for x in self.ranges for end in (x.now, x.low, x.high)]
+        found = self.ask(self.rough, points)
         each = (perf_counter() - middle) / len(found)
         able = [
             x
-            for x, here, low, high in zip(self.ranges, at_now, ends[::2], ends[1::2])
-            if not (same_figures(here, low) and same_figures(here, high))
+            for x, *three in zip(self.ranges, found[::3], found[1::3], found[2::3])
+            if not all(same_figures(three[0], y) for y in three[1:])
         ]
-        number = len(able) * len(self.judges)
-        return now, able, number * (RUNS * each + 4.0 * (middle - began))
+        number = len(able) * len(self.wanted)
+        return now, able, number * (RUNS * each + CERTIFIED * (middle - began))
 
     @property
     def rough(self) -> Context:
         """The context of runs without errors."""
         return replace(self.context, certifies=False)
 
-    @property
-    def seconds(self) -> float:
-        """About how long the search takes [s]."""
-        return 0.0 if self.is_empty else self.first[2]
-
-    def at(self, varied: Range, x: float) -> Question:
-        """Return the question with a value of an input."""
-        return self.question.with_value(varied.name, x)
-
     def ask(
         self, context: Context, points: Sequence[tuple[Range, float]]
     ) -> list[Findings | SetupError]:
         """Return what is found at values of inputs."""
-        return solve_each(context, [self.at(varied, x) for varied, x in points])
+        return solve_each(context, [self.question.with_value(x.name, value) for x, value in points])
 
-    def judged(self, k: int, o: Question, found: Findings | SetupError) -> Judgement | None:
-        """Return a judgement of what was found; None where it is refused, or has none."""
-        if isinstance(found, SetupError):
-            return None
-        try:
-            return self.judges[k](o, found)
-        except (LookupError, SetupError):
-            return None
+    def judgements(self, o: Question, found: Findings | SetupError) -> Sequence[Judgement]:
+        """Return the judgements of what was found, none where that is refused."""
+        return () if isinstance(found, SetupError) else self.judge(o, found)
 
     def margin(self, k: int, o: Question, found: Findings | SetupError) -> tuple[float, float]:
         """By how much a judgement is good, and the error of that; -1 where there is none."""
-        judgement = self.judged(k, o, found)
-        return judgement.margin if judgement else (-1.0, 0.0)
+        judgements = self.judgements(o, found)
+        return judgements[k].margin if k < len(judgements) else (-1.0, 0.0)
 
-    def stretches(self, context: Context) -> list[tuple[int, Range, list[Stretch]]]:
-        """Return where judgements are good and where not, over each input."""
-        pairs = [(k, x) for k in range(len(self.judges)) for x in self.first[1]]
-        with bar_of_runs("remedies", RUNS * len(pairs)) as show:
-            asked = 0
+    def good_stretches(self) -> list[tuple[int, Range, list[tuple[float, float]]]]:
+        """Return by single runs where judgements are good over each input: the ends of each stretch."""
+        pairs = [(k, x) for k in self.wanted for x in self.first[1]]
+        asked, total = count(1), RUNS * len(pairs)
+        with bar_of_runs("remedies", total) as show:
 
-            def residual(
-                k: int,
-            ) -> Callable[[Question, Findings | SetupError], tuple[float, float]]:
-                def measure(o: Question, found: Findings | SetupError) -> tuple[float, float]:
-                    nonlocal asked
-                    asked += 1
-                    show(min(1.0, asked / (RUNS * len(pairs))))
-                    return self.margin(k, o, found)
+            def residual(k: int, o: Question, found: Findings | SetupError) -> tuple[float, float]:
+                show(min(1.0, next(asked) / total))
+                return self.margin(k, o, found)
 
-                return measure
-
-            crossings = find(
-                context,
-                [
-                    (self.question, Find(x.name, x.low, x.high, residual(k), which="all", unit=x.unit))
-                    for k, x in pairs
-                ],
-            )  # fmt: skip
-        ends = []
-        for (_, x), of_pair in zip(pairs, crossings):
-            inside = sorted((y.value, y.error) for y in of_pair if y.error is not None)
-            ends.append([(x.low, 0.0), *inside, (x.high, 0.0)])
-        middles = [
-            (x, (a + b) / 2.0) for (_, x), e in zip(pairs, ends) for (a, _), (b, _) in pairwise(e)
+            finds = [Find(x.name, x.low, x.high, partial(residual, k), which="all", unit=x.unit) for k, x in pairs]  # fmt: skip
+            crossings = find(self.rough, [(self.question, x) for x in finds])
+        ends = [
+            pairwise([x.low, *sorted(y.value for y in each if y.error is not None), x.high])
+            for (_, x), each in zip(pairs, crossings)
         ]
-        between = iter(zip(middles, self.ask(context, middles)))
-        found = []
-        for (k, x), e in zip(pairs, ends):
-            parts = []
-            for (a, a_error), (b, b_error) in pairwise(e):
-                (_, at), here = next(between)
-                is_good = self.margin(k, self.at(x, at), here)[0] > 0.0
-                parts.append(Stretch(a, b, a_error, b_error, is_good))
-            found.append((k, x, parts))
-        return found
+        parts = [(pair, a, b) for pair, each in zip(pairs, ends) for a, b in each]
+        middles = [(x, (a + b) / 2.0) for (_, x), a, b in parts]
+        good: dict[tuple[int, Range], list[tuple[float, float]]] = {pair: [] for pair in pairs}
+        for ((k, x), a, b), (_, at), here in zip(parts, middles, self.ask(self.rough, middles)):
+            if self.margin(k, self.question.with_value(x.name, at), here)[0] > 0.0:
+                good[k, x].append((a, b))
+        return [(k, x, each) for (k, x), each in good.items()]
 
-    def nearest_edges(self) -> list[Edge]:
-        """Return the certified ends of stretches in which judgements are good, the nearest on each side."""
-        edges = []
-        for k, x, parts in self.stretches(self.rough):
-            up = [y for y in parts if y.is_good and y.low > x.low and y.high > x.now]
-            down = [y for y in parts if y.is_good and y.high < x.high and y.low < x.now]
-            edges += [Edge(k, x, y.low, y.low_error, y.high, is_upper=True) for y in up[:1]]
-            edges += [Edge(k, x, y.high, y.high_error, y.low, is_upper=False) for y in down[-1:]]
-        self.certify(edges)
-        return [x for x in edges if math.isfinite(x.inner)]
-
-    def good_intervals(self) -> dict[Range, list[tuple[float, float]]]:
-        """Return by input the intervals in which the first judgement is good, with certified ends; nan where there is none."""
-        edges: dict[tuple[Range, bool, float], Edge] = {}
-        found = self.stretches(self.rough)
-        for k, x, parts in found:
-            for y in parts:
-                for is_upper, place, error in (
-                    (True, y.low, y.low_error),
-                    (False, y.high, y.high_error),
-                ):
-                    if y.is_good and x.low < place < x.high:
-                        edges[x, is_upper, place] = Edge(k, x, place, error, math.nan, is_upper)
-        self.certify([*edges.values()])
-        ends = {key: edge.inner for key, edge in edges.items()}
-        return {
-            x: [(ends.get((x, True, y.low), x.low), ends.get((x, False, y.high), x.high)) for y in parts if y.is_good]
-            for _, x, parts in found
-        }  # fmt: skip
-
-    def certify(self, edges: Sequence[Edge]) -> None:
-        """Move both sides of edges apart until judgements are decided there, all together round by round."""
+    def certify(self, ends: Sequence[tuple[int, Remedy]], before: Sequence[Judgement]) -> None:
+        """Set the values of remedies: on both sides of an end, so far apart that judgements are decided there."""
         for r in range(ROUNDS):
-            open_sides = [
-                (x, side)
-                for x in edges
-                for side, y in ((1, x.inner), (-1, x.outer))
-                if math.isnan(y)
+            sides = [
+                (k, x, side)
+                for k, x in ends
+                for side, value in ((1, x.value), (-1, x.outside))
+                if math.isnan(value)
             ]
-            points = [(x.varied, x.value(side)) for x, side in open_sides]
-            found = self.ask(self.context, points)
-            for (edge, side), (varied, at), here in zip(open_sides, points, found):
-                o = self.at(varied, at)
-                judgement = self.judged(edge.judge, o, here)
-                is_good = judgement is not None and judgement.good is True
-                if side > 0 and is_good and isinstance(here, Findings):
-                    edge.inner, edge.others = at, self.all_judgements(o, here)
+            points = []
+            for _, x, side in sides:
+                upward = side if x.is_upper else -side
+                far = upward * abs(x.place) * 10.0**-DIGITS * (WIDER**r - 1.0)
+                points.append((x.varied, rounded_towards(x.place + far, upward)))
+            for (k, x, side), (_, at), here in zip(sides, points, self.ask(self.context, points)):
+                judgements = self.judgements(self.question.with_value(x.varied.name, at), here)
+                is_good = k < len(judgements) and judgements[k].good is True
+                if side > 0 and is_good:
+                    x.value = at
+                    x.turns = [
+                        f"{y.what}: {y.answer}"
+                        for was, y in zip(before, judgements)
+                        if was.good and not y.good
+                    ]
                 elif side < 0 and not is_good:
-                    edge.outer = at
-                edge.reach[side > 0] = 10.0**-DIGITS * WIDER**r
+                    x.outside = at
 
     def remedies(self) -> list[Remedies]:
-        """Return what would make each judgement good."""
+        """Return what makes each judgement good: the nearest stretches on both sides, or that of the present value."""
         if self.is_empty:
             return []
-        now = self.first[0]
-        before = self.all_judgements(self.question, now) if isinstance(now, Findings) else ()
-        edges = self.nearest_edges()
+        before = self.judgements(self.question, self.first[0])
+        ends = []
+        for k, x, stretches in self.good_stretches():
+            up = [
+                Remedy(x, is_upper=True, place=a, until=b)
+                for a, b in stretches
+                if a > x.low and b > x.now
+            ]
+            down = [
+                Remedy(x, is_upper=False, place=b, until=a)
+                for a, b in stretches
+                if b < x.high and a < x.now
+            ]
+            ends += [(k, y) for y in (*up[:1], *down[-1:])]
+        self.certify(ends, before)
         found = []
-        for k in range(len(self.judges)):
-            judgement = self.judged(k, self.question, now)
-            if judgement is None:
-                continue
-            mine = [
-                Remedy(
-                    x.varied, x.is_upper, x.inner, abs(x.inner - x.outer), x.until,
-                    [f"{y.what}: {y.answer}" for was, y in zip(before, x.others) if was.good and not y.good],
-                )
-                for x in edges
-                if x.judge == k
-            ]  # fmt: skip
-            mine.sort(key=lambda x: abs(x.change))
-            named = {x.varied for x in mine}
-            found.append(Remedies(judgement, mine, [x for x in self.first[1] if x not in named]))
+        for k in self.wanted:
+            mine = [y for number, y in ends if number == k and math.isfinite(y.value)]
+            named = {y.varied for y in mine}
+            mine.sort(key=lambda y: abs(y.change))
+            found.append(Remedies(before[k], mine, [x for x in self.first[1] if x not in named]))
         return found
+
+
+def search_for(
+    o: Question,
+    context: Context,
+    judgements: Sequence[Judgement],
+    sliders: Sequence[Slider],
+    values: Mapping[str, GivenValue],
+) -> Search:
+    """Return the search for what makes good the judgements of an answer that are not."""
+    bad = [k for k, x in enumerate(judgements) if x.answer is not None and x.good is not True]
+    return Search(
+        o.probe(), context, ranges(o, sliders, values) if bad else [],
+        lambda o, found: o.judgements(found.figures, found.data), bad,
+    )  # fmt: skip
 
 
 def same_figures(one: Findings | SetupError, other: Findings | SetupError) -> bool:
     """Whether nothing that was found differs."""
     if isinstance(one, SetupError) or isinstance(other, SetupError):
         return False
-    names = [*one.figures]
-    a, b = (
-        [x.figures[name].value if name in x.figures else math.nan for name in names]
-        for x in (one, other)
+    a, b = ({name: figure.value for name, figure in x.figures.items()} for x in (one, other))
+    close = (
+        np.allclose([*a.values()], [*b.values()], EFFECT, 0.0, equal_nan=True)
+        if [*a] == [*b]
+        else False
     )
-    return names == [*other.figures] and np.allclose(a, b, rtol=EFFECT, atol=0.0, equal_nan=True)
+    return bool(close)
 
 
 def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Find]) -> list[str]:
@@ -451,44 +367,34 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
     now, brief = solve_each(context, [o, o.probe()])
     if isinstance(now, SetupError):
         raise now
-    if isinstance(brief, Findings) and brief.figures.get(name) == now.figures.get(name):
-        o = o.probe()
     if name not in now.figures:
         raise SetupError(
             f"--until {wanted!r}: {o.name} has no figure {name!r}, only {', '.join(now.figures)}"
         )
+    of_fmus = parameters(now.system) if now.system and now.system.parts else {}
+    given = {**of_fmus, **option_values(o, now.defaults)}
+    if isinstance(brief, Findings) and brief.figures.get(name) == now.figures[name]:
+        o = o.probe()
     level = Option(name, float, unit=now.figures[name].unit.removeprefix("1")).read(
         raw.strip(), f"--until: {name}"
     )
     if sign == "=":
         found = find(context, [(o, x._replace(figure=name, level=level)) for x in varied])
         return [
-            f"{wanted}: " + (" or ".join(f"{x.over} = {y.text()}" for y in each) if each[0].error is not None
-            else f"not by {x.over}: {each[0].reason}")
+            f"{wanted}: not by {x.over}: {each[0].reason}" if each[0].reason
+            else f"{wanted}: {x.over} = {' or '.join(y.text() for y in each)}"
             for x, each in zip(varied, found)
         ]  # fmt: skip
-    bound = {"<=": "most", ">=": "least"}[sign]
 
-    def judge(_o: Question, found: Findings) -> Judgement:
-        return Judgement(wanted, found.figures[name], **{bound: level})
+    def judge(_o: Question, found: Findings) -> list[Judgement]:
+        return [
+            Judgement(wanted, found.figures[name], **{"most" if sign == "<=" else "least": level})
+        ]
 
-    of_fmus = parameters(now.system) if now.system and now.system.parts else {}
-    given = {**of_fmus, **option_values(o, now.defaults)}
-    ranges = [Range(x.over, x.unit, given[x.over].value, x.low, x.high) for x in varied]
-    search = Search(o, context, ranges, [judge])
-    intervals = search.good_intervals()
-    lines = []
-    for x in ranges:
-        unit = unit_suffix(x.unit)
-        if x not in intervals:
-            lines.append(f"{wanted}: {x.name} has no effect")
-        else:
-            each = [f"{a:.6g} to {b:.6g}{unit}" for a, b in intervals[x]]
-            lines.append(
-                f"{wanted}: "
-                + (f"{x.name} = {' or '.join(each)}" if each else f"not by {x.text()}")
-            )
-    return lines
+    inputs = [Range(x.over, x.unit, given[x.over].value, x.low, x.high) for x in varied]
+    search = Search(o, context, inputs, judge, [0])
+    idle = [f"{wanted}: no effect of {x.name}" for x in inputs if x not in search.first[1]]
+    return [*search.remedies()[0].lines(), *idle]
 
 
 def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
@@ -499,9 +405,9 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
     search = answer.search
     if search is None or search.is_empty or seconds <= 0.0:
         return answer, []
-    if search.seconds > seconds:
+    if search.first[2] > seconds:
         return answer, [
-            f"What would change that takes about {search.seconds:.2g} s to find: ask again with --remedies"
+            f"What would change that takes about {search.first[2]:.2g} s to find: ask again with --remedies"
         ]
     found = search.remedies()
     lines = [x.lines() for x in found]

@@ -32,7 +32,7 @@ from .live.build import for_shell
 from .options import at_least, check_fixed_starts
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
-from .remedies import Search
+from .remedies import search_for
 from .runs.cluster import ClusterRunner
 from .runs.fingerprint import computation
 from .runs.folder import reservation
@@ -169,7 +169,7 @@ def answer(
         parameters=values,
         show=show,
         live=live_part,
-        search=Search.of(o, context, judgements, sliders, {**values, **options}),
+        search=search_for(o, context, judgements, sliders, {**values, **options}),
         refused=is_refused(question, findings.figures),
         sources=question.sources,
         error_scope=question.error_scope,
