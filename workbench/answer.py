@@ -28,8 +28,6 @@ from .options import Options, declared
 if TYPE_CHECKING:
     import pandas as pd
 
-    from .remedies import Search
-
 #: Warnings that are printed; the JSON file has all. It is a convention of this project.
 PRINTED_WARNINGS = 3
 #: Rows of a file that are texts in memory at a time. Chosen: some megabytes.
@@ -176,7 +174,7 @@ class Answer(Findings):
     refused: bool = False
     sources: Sequence[tuple[str, str]] = ()
     error_scope: str = ERROR_SCOPE
-    search: Search | None = None
+    search: Any = None
     picture: Callable[[Answer], str] = lambda _: ""
 
     @property

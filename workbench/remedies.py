@@ -402,7 +402,7 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
 
     The page has all lines, below the verdict, and JSON and the table `remedies.csv` all values.
     """
-    search = answer.search
+    search: Search | None = answer.search
     if search is None or search.is_empty or seconds <= 0.0:
         return answer, []
     if search.first[2] > seconds:
