@@ -217,9 +217,25 @@ class Series:
             )
         return numbers
 
+    def readings(self, texts: Mapping[str, str]) -> dict[str, Reading]:
+        """By new names, how columns are read that are stated as texts; raises SetupError if one is stated twice."""
+        readings: dict[str, Reading] = {}
+        for name, text in texts.items():
+            reading = Reading.read(text, self.names, self.label)
+            for other, taken in readings.items():
+                if taken.name == reading.name:
+                    of = f"{self.label}, column {reading.name}"
+                    raise SetupError(f"{of}: it is mapped twice, to {other} and {name}")
+            readings[name] = reading
+        return readings
+
+    def unit_of(self, reading: Reading) -> str:
+        """The unit of a reading, that of its column where it states none; empty if neither does."""
+        return self.column(reading.name).unit if reading.unit is None else reading.unit
+
     def scaled(self, reading: Reading, unit: str, *, gaps: bool = False) -> Array:
         """The numbers of a reading in a unit, none for its own; raises SetupError if it cannot be converted."""
-        stated = self.column(reading.name).unit if reading.unit is None else reading.unit
+        stated = self.unit_of(reading)
         scale = 1.0 if not stated or not unit or stated == unit else multiples(unit).get(stated)
         if scale is None:
             choices = " or ".join(multiples(unit))
@@ -314,8 +330,7 @@ class Series:
         for name, text in texts.items():
             reading = Reading.read(text, series.names, str(path))
             of = series.column(reading.name)
-            unit = of.unit if reading.unit is None else reading.unit
-            kept.append(replace(of, name=name or of.name, unit=unit))
+            kept.append(replace(of, name=name or of.name, unit=series.unit_of(reading)))
             is_number = of.kind not in (Kind.BOOLEAN, Kind.TEXT) or reading != Reading(of.name)
             loads.append(
                 partial(series.scaled, reading, "")
@@ -323,6 +338,17 @@ class Series:
                 else partial(series.__getitem__, of.name)
             )
         return cls(kept, lambda k: loads[k](), breaks=series.breaks, label=str(path))
+
+    @classmethod
+    def of_any(
+        cls, source: Series | pd.DataFrame | Mapping[str, ArrayLike] | Path | str, label: str
+    ) -> Series:
+        """The table of a result, of a frame or of columns, which messages call `label`, or of a file."""
+        if isinstance(source, str | Path):
+            return cls.read(source)
+        if isinstance(source, Series):
+            return Series(source.columns, source.load, breaks=source.breaks, label=label)
+        return cls.of(source, label)
 
     @classmethod
     def of(

@@ -6,9 +6,8 @@ high as that in value, is moved along the reference, which is interpolated linea
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from ..describe import table
 from ..errors import SetupError
 from ..result import Result, Rows
 from ..rounding import unit_suffix
-from ..series import Reading, Series, rising_times
+from ..series import Reading, Series
 from ..units import in_unit, multiples
 
 if TYPE_CHECKING:
@@ -208,8 +207,8 @@ def compare(
     True
     """
     ours, theirs = _read(result, "the result"), _read(reference, "the reference")
-    start = float(max(ours.time[0], theirs.time[0]))
-    stop = float(min(ours.time[-1], theirs.time[-1]))
+    start = float(max(ours.t[0], theirs.t[0]))
+    stop = float(min(ours.t[-1], theirs.t[-1]))
     width = max(0.0, SHARE * (stop - start)) if time is None else time
     for word, number in (("value", value), ("time", width)):
         if not 0.0 <= number < np.inf:
@@ -218,124 +217,79 @@ def compare(
             )
     if not gap > 0.0:
         raise SetupError(f"gap = {gap!r} s must be above 0")
-    shared = (ours.time >= start) & (ours.time <= stop)
-    in_gap = theirs.in_gap(ours.time, gap)
+    shared = (ours.t >= start) & (ours.t <= stop)
+    in_gap = _in_gap(theirs, ours.t, gap)
     if np.count_nonzero(shared & ~in_gap) <= 1:
-        raise SetupError(f"{ours} and {theirs} have fewer than two rows to compare")
+        raise SetupError(f"{_span(ours)} and {_span(theirs)} have fewer than two rows to compare")
     pairs = _pairs(ours, theirs, columns)
     stated_errors = dict(errors or {})
     if unmatched := [name for name in stated_errors if name not in pairs]:
         raise SetupError(f"error of {unmatched[0]}: only {', '.join(pairs)} are compared")
     deviations = []
-    for name, other in pairs.items():
-        unit = theirs.unit(other) or ours.unit(name)
-        y, error = theirs.column(other, unit)
+    for name, (mine, other) in pairs.items():
+        unit = theirs.unit_of(other) or ours.unit_of(mine)
+        y, error = _with_errors(theirs, other, unit)
         height = value * (float(np.ptp(y)) or abs(float(y[0]))) + _error(name, stated_errors, unit)
-        rows = (ours.time, *ours.column(name, unit))
+        rows = (ours.t, *_with_errors(ours, mine, unit))
         t, measured, row_error = (values[shared & ~in_gap] for values in rows)
-        band = ToleranceBand(theirs.time, y, error, width, height)
+        band = ToleranceBand(theirs.t, y, error, width, height)
         low, high = band.around(t)
         distance = np.maximum(0.0, np.maximum(measured - high, low - measured))
         allowed = band.room(t) + row_error
         k, outside = int(np.argmax(distance - allowed)), distance > allowed
         worst = float(distance[k]), float(t[k]), float(allowed[k])
-        deviations.append(Deviation(name, other, unit, *worst, t, measured, outside, band))
-    notes = [*_notes(ours, theirs, pairs)]
+        deviations.append(Deviation(name, other.name, unit, *worst, t, measured, outside, band))
+    notes = [*_notes(ours, theirs, pairs.values())]
     if gaps := np.count_nonzero(shared & in_gap):
         notes.append(f"{gaps} rows are not compared: they lie in gaps of {theirs.label}")
     return Comparison(tuple(deviations), start, stop, width, tuple(notes))
 
 
-@dataclass(frozen=True)
-class _Record:
-    """A table on one side of a comparison, and how its columns are read."""
-
-    series: Series
-    readings: dict[str, Reading] = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """What messages call it."""
-        return self.series.label
-
-    @property
-    def names(self) -> list[str]:
-        """Its columns but the first, the time."""
-        return self.series.names[1:]
-
-    @cached_property
-    def time(self) -> Rows:
-        """Its times [s], which do not fall."""
-        times = self.series.scaled(Reading(self.series.names[0]), "s")
-        return rising_times(times, self.label)
-
-    def __str__(self) -> str:
-        return f"{self.label} from {self.time[0]:g} to {self.time[-1]:g} s"
-
-    def take_reading(self, text: str) -> str:
-        """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit."""
-        reading = Reading.read(text, self.names, self.label)
-        self.readings[reading.name] = reading
-        return reading.name
-
-    def unit(self, name: str) -> str:
-        """The unit of a column."""
-        stated = self.readings.get(name, Reading(name)).unit
-        return self.series.column(name).unit if stated is None else stated
-
-    def column(self, name: str, unit: str) -> tuple[Rows, Rows]:
-        """Values and their errors in a unit; raises SetupError for values that are not finite."""
-        reading = self.readings.get(name, Reading(name))
-        values = self.series.scaled(reading, unit)
-        if name + ERROR not in self.names:
-            return values, np.zeros(len(values))
-        stated = self.series.column(name + ERROR).unit or self.unit(name)
-        error = reading._replace(name=name + ERROR, offset=0.0, unit=stated)
-        return values, np.abs(self.series.scaled(error, unit))
-
-    def in_gap(self, t: Rows, gap: float) -> NDArray[np.bool_]:
-        """Which times lie between rows further apart than a gap [s]."""
-        upper = np.clip(np.searchsorted(self.time, t, "left"), 1, len(self.time) - 1)
-        coincides = np.isin(t, self.time)
-        return (self.time[upper] - self.time[upper - 1] > gap) & ~coincides
-
-
-def _read(source: Source, label: str) -> _Record:
-    """Read a record from a result, a frame or a file."""
-    import pandas as pd
-
-    if isinstance(source, Result):
-        series = Series(source.columns, source.load, label=label)
-    elif isinstance(source, pd.DataFrame):
-        series = Series.of(source, label)
-    else:
-        series = Series.read(source)
-    record = _Record(series)
-    if not record.names or not len(record.time):
+def _read(source: Source, label: str) -> Series:
+    """Read a table from a result, a frame or a file."""
+    series = Series.of_any(source, label)
+    if not _values(series) or not len(series.t):
         raise SetupError(f"{series.label} has no rows with a time and values")
-    return record
+    return series
+
+
+def _values(series: Series) -> list[str]:
+    """The columns of a table but its times."""
+    return [name for name in series.names if name != series.clock]
+
+
+def _with_errors(series: Series, reading: Reading, unit: str) -> tuple[Rows, Rows]:
+    """Values of a column and their errors in a unit; raises SetupError for values that are not finite."""
+    values, name = series.scaled(reading, unit), reading.name + ERROR
+    if name not in series.names:
+        return values, np.zeros(len(values))
+    stated = series.column(name).unit or series.unit_of(reading)
+    error = reading._replace(name=name, offset=0.0, unit=stated)
+    return values, np.abs(series.scaled(error, unit))
+
+
+def _in_gap(series: Series, t: Rows, gap: float) -> NDArray[np.bool_]:
+    """Which times lie between rows of a table that are further apart than a gap [s]."""
+    upper = np.clip(np.searchsorted(series.t, t, "left"), 1, len(series.t) - 1)
+    return (series.t[upper] - series.t[upper - 1] > gap) & ~np.isin(t, series.t)
 
 
 def _pairs(
-    ours: _Record, theirs: _Record, columns: Mapping[str, str] | Sequence[str] | None
-) -> dict[str, str]:
-    """Columns of the reference by those of the result."""
+    ours: Series, theirs: Series, columns: Mapping[str, str] | Sequence[str] | None
+) -> dict[str, tuple[Reading, Reading]]:
+    """By the names of the result's columns, how these and those of the reference are read."""
     if columns is None:
-        both = [n for n in ours.names if n in theirs.names]
-        pairs = {n: n for n in both if n.removesuffix(ERROR) not in both or not n.endswith(ERROR)}
-    elif isinstance(columns, Mapping):
-        pairs = {
-            ours.take_reading(name): theirs.take_reading(other) for name, other in columns.items()
-        }
+        both = [name for name in _values(ours) if name in _values(theirs)]
+        columns = [n for n in both if n.removesuffix(ERROR) not in both or not n.endswith(ERROR)]
+        pairs = {name: (Reading(name), Reading(name)) for name in columns}
     else:
-        pairs = {ours.take_reading(name): theirs.take_reading(name) for name in columns}
-    for other in pairs.values():
-        if list(pairs.values()).count(other) > 1:
-            raise SetupError(f"column {other!r} of {theirs.label} is mapped twice")
+        texts = columns if isinstance(columns, Mapping) else dict(zip(columns, columns))
+        mine, others = ours.readings({text: text for text in texts}), theirs.readings(texts)
+        pairs = {mine[text].name: (mine[text], others[text]) for text in texts}
     if not pairs:
         raise SetupError(
-            f"no column in common: {ours.label} has {', '.join(ours.names)}, "
-            f"{theirs.label} has {', '.join(theirs.names)}"
+            f"no column in common: {ours.label} has {', '.join(_values(ours))}, "
+            f"{theirs.label} has {', '.join(_values(theirs))}"
         )
     return pairs
 
@@ -351,15 +305,18 @@ def _error(name: str, stated_errors: Mapping[str, str | float], unit: str) -> fl
     return error
 
 
-def _notes(ours: _Record, theirs: _Record, pairs: Mapping[str, str]) -> Iterator[str]:
+def _span(series: Series) -> str:
+    return f"{series.label} from {series.t[0]:g} to {series.t[-1]:g} s"
+
+
+def _notes(ours: Series, theirs: Series, pairs: Iterable[tuple[Reading, Reading]]) -> Iterator[str]:
     """What the comparison leaves out."""
-    spans = [(record.time[0], record.time[-1]) for record in (ours, theirs)]
-    if spans[0] != spans[1]:
-        yield f"{ours}, {theirs}"
-    for record, used in ((ours, pairs.keys()), (theirs, pairs.values())):
-        rest = [n for n in record.names if n not in used and n.removesuffix(ERROR) not in used]
-        if rest:
-            yield f"not compared in {record.label}: {', '.join(rest)}"
+    if (ours.t[0], ours.t[-1]) != (theirs.t[0], theirs.t[-1]):
+        yield f"{_span(ours)}, {_span(theirs)}"
+    for series, used in zip((ours, theirs), zip(*pairs)):
+        names = {name for reading in used for name in (reading.name, reading.name + ERROR)}
+        if rest := [name for name in _values(series) if name not in names]:
+            yield f"not compared in {series.label}: {', '.join(rest)}"
 
 
 def _line(column: Deviation) -> tuple[str, ...]:

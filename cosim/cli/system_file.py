@@ -6,7 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -188,20 +188,14 @@ def with_inputs(network: Network, options: argparse.Namespace) -> System:
 
 
 def equal_names(network: Network, path: Path) -> list[tuple[str, Port]]:
-    """The columns of a file that have the name of an input, in a single part its bare name; SetupError if none has."""
-    only_part = next(iter(network.fmus)) if len(network.fmus) == 1 else ""
-    inputs = {
-        port.name: port
-        for part, fmu in network.fmus.items()
-        for port in (Port(part, v) for v in fmu.variables.values() if v.causality == "input")
-    }
-    own = {name.removeprefix(f"{only_part}."): port for name, port in inputs.items()}
-    for name in network.system.connectors:
-        (port, *line), *others = network.behind(name)
-        if port.name in inputs and line == [1.0, 0.0] and not others:
-            own[name] = port
+    """The columns of a file that have the name of an input; raises SetupError if none has."""
     table = Series.read(path)
-    found = [(n, (inputs | own)[n]) for n in table.names if n in inputs | own and n != table.clock]
+    found: list[tuple[str, Port]] = []
+    for name in table.names:
+        with suppress(SetupError):
+            port = network.port(name)
+            if name != table.clock and port.variable.causality == "input":
+                found.append((name, port))
     if not found:
         raise SetupError(
             f"no column of {path} has the name of an input: give --map NAME=COLUMN; "

@@ -7,13 +7,13 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from ..errors import SetupError
-from ..system import Network, Value, conversion_to, value_of_text
+from ..system import Network, Port, Value, conversion_to, value_of_text
 from ..system.start_values import checked_start
 from ..table_file import read_cells
 from ..units import is_common
 from .ssp.files import Budget
 from .ssp.parameters import parameters_of
-from .ssp.plan import Node, Plan
+from .ssp.plan import Plan
 from .ssp.rules import load_valid
 from .ssp.units import definitions
 
@@ -35,26 +35,24 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
     for name, description in network.descriptions.items():
         plan.add_element("", name)
         plan.add_fmu(name, network.fmus[name].path, description)
-    root_path = "" if len(plan.fmus) > 1 else next(iter(plan.fmus))
     root = load_valid(path, "ssv:ParameterSet")
-    assigned: set[Node] = set()
+    given: set[str] = set()
     for parameter in parameters_of(root, "", path.name, definitions(root)).values():
-        nodes = _variables_named(plan, root_path, parameter.name)
-        if not nodes and parameter.name in network.system.connectors:
-            port = network.port(parameter.name)
-            nodes = [(port.part, port.variable.name)]
-        if not nodes:
-            raise SetupError(f"{parameter.where} fits no variable")
-        if assigned.intersection(nodes):
-            raise SetupError(f"{parameter.where} is given twice")
-        assigned.update(nodes)
-        plan.bind(nodes[0][0], parameter._replace(name=nodes[0][1]))
+        port = _given_port(network, parameter.name, parameter.where, given)
+        plan.bind(port.part, parameter._replace(name=port.variable.name))
     return plan.starts()
 
 
-def _variables_named(plan: Plan, root_path: str, name: str) -> list[Node]:
-    """The variable of a name, in a single part without the part's name too."""
-    return [*dict.fromkeys((*plan.named(root_path, name), *plan.named("", name)))]
+def _given_port(network: Network, name: str, where: str, given: set[str]) -> Port:
+    """The port of a name, which joins those that are `given`; raises SetupError with where the name stands."""
+    try:
+        port = network.port(name)
+    except SetupError as error:
+        raise SetupError(f"{where} fits no variable: {error}") from None
+    if port.name in given:
+        raise SetupError(f"{where} is given twice")
+    given.add(port.name)
+    return port
 
 
 def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
@@ -71,20 +69,12 @@ def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
         if column not in COLUMNS and (are_units or is_near):
             meant = is_near[0] if is_near else "unit"
             raise SetupError(f"{path} has a column {column!r}: {meant!r} must be spelt so")
-    bare = f"{next(iter(network.fmus))}." if len(network.fmus) == 1 else ""
     given: set[str] = set()
     for line, cells in rows:
         row = dict(zip(header, map(str.strip, cells)))
         name, text, unit = (row.get(column, "") for column in COLUMNS)
         where = f"{path.name}, line {line}: parameter {name}"
-        try:
-            is_whole = not bare or name.startswith(bare) or name in network.system.connectors
-            port = network.port(name if is_whole else f"{bare}{name}")
-        except SetupError as error:
-            raise SetupError(f"{where} fits no variable: {error}") from None
-        if port.name in given:
-            raise SetupError(f"{where} is given twice")
-        given.add(port.name)
+        port = _given_port(network, name, where, given)
         try:
             value = value_of_text(network, port, text)
             if unit and isinstance(value, int | float):

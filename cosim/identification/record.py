@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import SetupError
-from ..series import TIME, Column, Reading, Series, rising_times
+from ..series import TIME, Column, Series, rising_times
 from ..system import Network, Port, conversion_to
 from .noise import Noise, Samples, estimate_noise
 
@@ -52,37 +52,30 @@ def measured(
         With file, row and column for times that do not rise, for a cell that is not a number, and for a column that
         is named twice.
     """
-    series, taken = Series.read(path), dict[str, str]()
-    if not len(series[series.names[0]]):
+    series = Series.read(path)
+    if not len(series.load(0)):
         raise SetupError(f"{path} has no rows below its header")
-
-    def column(variable: str, text: str, unit: str, *, gaps: bool) -> tuple[Samples, Reading]:
-        """The values of a column in a unit, or in its own."""
-        reading = Reading.read(text, series.names, str(path))
-        if reading.name in taken:
-            raise SetupError(
-                f"{path}, column {reading.name}: it is mapped twice, to {taken[reading.name]} and {variable}"
-            )
-        taken[reading.name] = variable
-        values = series.scaled(reading, unit, gaps=gaps)
-        if (large := np.abs(values) >= LARGEST_NUMBER).any():
+    clock = {} if time is None else {TIME.name: time}
+    values = {}
+    readings = series.readings(clock | dict(columns))
+    for name, reading in readings.items():
+        is_time = name in clock
+        read = series.scaled(reading, TIME.unit if is_time else "", gaps=gaps and not is_time)
+        if (large := np.abs(read) >= LARGEST_NUMBER).any():
             row = int(np.argmax(large))
             raise SetupError(
-                f"{path}, row {row + 2}, column {reading.name}: {values[row]:g} is not below {LARGEST_NUMBER:g}"
+                f"{path}, row {row + 2}, column {reading.name}: {read[row]:g} is not below {LARGEST_NUMBER:g}"
             )
-        return values, reading
-
-    times = np.arange(float(len(series[series.names[0]])))
-    if time is not None:
-        times, _ = column("time", time, "s", gaps=False)
-        rising_times(times, str(path), strictly=True)
+        values[name] = read
+    times = np.arange(float(len(series.load(0))))
+    if clock:
+        times = rising_times(values[TIME.name], str(path), strictly=True)
     tables = {}
-    for variable, text in columns.items():
-        values, reading = column(variable, text, "", gaps=gaps)
-        unit = series.column(reading.name).unit if reading.unit is None else reading.unit
+    for variable in columns:
+        reading = readings[variable]
         label = f"{Path(path).name}, column {reading.name}"
-        columns_of = TIME, Column(reading.name, unit, source=label)
-        tables[variable] = Series(columns_of, [times, values].__getitem__, label=label)
+        columns_of = TIME, Column(reading.name, series.unit_of(reading), source=label)
+        tables[variable] = Series(columns_of, [times, values[variable]].__getitem__, label=label)
     return tables
 
 

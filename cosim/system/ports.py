@@ -106,9 +106,7 @@ class Catalog:
 
     def port(self, name: Name) -> Port:
         """The port of a name; raises SetupError if there is none."""
-        require_name(name)
-        candidates = split_name(name.strip()) if isinstance(name, str) else [name]
-        candidates = [candidate for candidate in candidates if candidate[0] in self.fmus]
+        candidates = self._places(name)
         for part, variable in candidates:
             if variable in self.fmus[part].variables:
                 return Port(part, self.fmus[part].variables[variable])
@@ -135,11 +133,23 @@ class Catalog:
         names = self.fmus[part].variables
         raise SetupError(f"{part} has no variable {variable!r}, {only(variable, names)}")
 
+    def _places(self, name: Name) -> list[tuple[str, str]]:
+        """The parts and variables that a name may mean; in a system of one part, a variable's bare name is enough."""
+        require_name(name)
+        if not isinstance(name, str):
+            return [name] if name[0] in self.fmus else []
+        name = name.strip()
+        places = [place for place in split_name(name) if place[0] in self.fmus]
+        if not places and len(self.fmus) == 1 and name not in self.system.connectors:
+            ((part, fmu),) = self.fmus.items()
+            if "." not in name or name in fmu.variables or name in fmu.shapes:
+                places = [(part, name)]
+        return places
+
     def array(self, name: Name) -> tuple[tuple[int, ...], list[Port]]:
         """The dimensions and elements of an array, none and the port of another name; SetupError."""
-        require_name(name)
-        for part, variable in split_name(name.strip()) if isinstance(name, str) else [name]:
-            if part in self.fmus and variable in self.fmus[part].shapes:
+        for part, variable in self._places(name):
+            if variable in self.fmus[part].shapes:
                 variables = self.fmus[part].variables.values()
                 elements = [Port(part, v) for v in variables if v.name.startswith(f"{variable}[")]
                 return self.fmus[part].shapes[variable], elements

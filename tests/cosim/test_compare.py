@@ -109,9 +109,16 @@ def test_grids_and_units_of_each_are_honoured() -> None:
         assert "not compared in the result: w" in comparison.text()
 
 
+def test_times_are_those_of_the_column_that_is_called_so() -> None:
+    """As in an input table and in another master's result, wherever it stands."""
+    ours = frame(x=saw(T))
+    theirs = pd.DataFrame({"x": ours["x"], "time [ms]": 1000.0 * ours["time"]})
+    assert compare(ours, theirs).passed
+
+
 def test_a_column_is_not_mapped_twice() -> None:
     """Its factor could not be two."""
-    with pytest.raises(SetupError, match="column 'n' of the reference is mapped twice"):
+    with pytest.raises(SetupError, match="the reference, column n: it is mapped twice, to v and w"):
         compare(frame(v=T, w=T), frame(n=T), columns={"v": "n", "w": "n * 0.4"})
 
 
@@ -141,8 +148,8 @@ def test_nothing_is_compared_in_a_gap_and_that_is_stated() -> None:
     ("columns", "settings", "message"),
     [
         ({"y": saw(T)}, {}, "no column in common: the result has x, the reference has y"),
-        ({"x": saw(T)}, {"columns": ["z"]}, "the result has no column 'z', only x"),
-        ({"x": saw(T)}, {"columns": {"x": "z"}}, "the reference has no column 'z', only x"),
+        ({"x": saw(T)}, {"columns": ["z"]}, "the result has no column 'z', only time, x"),
+        ({"x": saw(T)}, {"columns": {"x": "z"}}, "the reference has no column 'z', only time, x"),
         ({"x [m]": saw(T), "x [s]": saw(T)}, {}, "the reference has two columns named 'x'"),
         ({"x": np.where(T == 2.0, np.nan, 0.0)}, {}, "row 202, column x: 'nan' is not a finite number"),
         ({"x": np.where(T == 2.0, np.inf, 0.0)}, {}, "row 202, column x: 'inf' is not a finite number"),
@@ -154,7 +161,7 @@ def test_nothing_is_compared_in_a_gap_and_that_is_stated() -> None:
         ({"x": saw(T)}, {"gap": 0.0}, "gap = 0.0 s must be above 0"),
         ({"x": saw(T)}, {"errors": {"y": 1.0}}, "error of y: only x are compared"),
         ({"x [m]": saw(T)}, {"errors": {"x": "3 N"}}, "error of x = '3 N' must be at least 0, in m or"),
-        ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only x"),
+        ({"x": saw(T)}, {"columns": {"x": "y:m"}}, "the reference has no column 'y:m', only time, x"),
         ({"x": saw(T)}, {"columns": {"x": "x * 0"}}, "column 'x * 0': the factor must not be 0"),
         ({"x [kg]": saw(T)}, {}, "the result: x [m] cannot be converted to kg"),
     ],

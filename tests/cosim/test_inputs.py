@@ -398,7 +398,7 @@ def test_a_file_gives_a_single_fmu_its_parameters(name: str, fmus: Path, tmp_pat
     (tmp_path / name).write_text(FILES[name], encoding="utf-8")
     out = tmp_path / "out.csv"
     arguments = ["run", str(fmus / "DriveMotor.fmu"), "--stop", "0.1", "--out", str(out)]
-    arguments += ["--parameters", str(tmp_path / name), "--set", "DriveMotor.A=7000"]
+    arguments += ["--parameters", str(tmp_path / name), "--set", "A=7000"]
     assert main(arguments) == 0
     start = {"T": 0.05, "kloss.w_s": SPEED, "characteristic": 1, "w": 30.0, "A": 7000.0}
     named_start = {f"DriveMotor.{key}": value for key, value in start.items()}

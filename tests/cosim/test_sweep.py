@@ -81,6 +81,17 @@ def test_cases_come_from_a_file_or_are_drawn(
     shared = ["--figure", TORQUE, "--stop", "0.02", "--step", "1e-3"]
     command_output("sweep", *parts(fmus), "--table", table, *shared, "--out", out)
     assert pd.read_parquet(out)["motor.T"].tolist() == [0.04, 0.05]
+    table.write_text("T [ms],A\n40,7000\n")  # of one part alone
+    motor = [
+        "sweep",
+        fmus / "DriveMotor.fmu",
+        "--table",
+        table,
+        "--figure",
+        "largest:tau",
+        *shared[2:],
+    ]
+    assert command_output(*motor).startswith("1 run, 0 failed")
     drawn = []
     for name in ("a.csv", "b.csv"):
         within = [

@@ -52,12 +52,7 @@ def read_foreign(source: Source) -> Series:
     Rows without a time at the end are left out, and of rows with the same time the last one counts, which is after a
     break. Raises SetupError if it cannot be read, has fewer than two rows, or has times that fall.
     """
-    if isinstance(source, Result):
-        whole = Series(source.columns, source.load, label="the result")
-    elif isinstance(source, (str, Path)):
-        whole = Series.read(source)
-    else:
-        whole = Series.of(source)
+    whole = Series.of_any(source, "the table" if not isinstance(source, Result) else "the result")
     clock, label = whole.clock, whole.label
     unit = whole.column(clock).unit or "s"
     if unit not in multiples("s"):
@@ -110,15 +105,16 @@ def match_columns(
     matches = []
     for port in ports:
         if port.name in readings:
-            column, scale, shift, stated = readings[port.name]
-            unit = table.column(column).unit if stated is None else stated
+            reading = readings[port.name]
+            unit = table.unit_of(reading)
             factor, offset = (
                 conversion_to(network, port, unit, "be judged")
                 if port.type == "Real"
                 else (1.0, 0.0)
             )
-            numbers = scale * table.numbers(column, finite=False) + shift
-            matches.append(MatchedColumn(port, column, unit, factor * numbers + offset))
+            numbers = table.numbers(reading.name, finite=False)
+            numbers = reading.factor * numbers + reading.offset
+            matches.append(MatchedColumn(port, reading.name, unit, factor * numbers + offset))
     return matches
 
 
