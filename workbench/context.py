@@ -25,11 +25,10 @@ from .figure import Figure
 from .files import stream
 from .options import RunOptions
 from .runs.journal import OutcomeJournal
-from .runs.local import LocalRunner
 from .runs.runner import Runner
 
 #: Does every run in this process.
-IN_PROCESS = LocalRunner(jobs=1)
+IN_PROCESS = Runner(jobs=1)
 #: Fewest communication steps of a certified run, so that the coarsest of the three still has four.
 MIN_STEPS = 16
 Task = TypeVar("Task")
@@ -69,7 +68,7 @@ class Context:
         SetupError
             On a cluster, which has nothing to do then.
         """
-        if isinstance(self.runner, LocalRunner):
+        if not self.runner.scheduler:
             return self.runner.jobs
         raise SetupError(
             "scheduler: this question does its runs together in one process; leave the scheduler out, "

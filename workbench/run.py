@@ -33,11 +33,9 @@ from .options import at_least, check_fixed_starts
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
 from .remedies import search_for
-from .runs.cluster import ClusterRunner
 from .runs.fingerprint import computation
 from .runs.folder import reservation
 from .runs.journal import OutcomeJournal, open_journal
-from .runs.local import LocalRunner
 from .runs.runner import Runner
 from .runs.worker import OK, Outcome, failure
 
@@ -82,7 +80,7 @@ def ask(
         question.parse(options),
         project.fmus(question, chosen),
         flavour=chosen,
-        runner=select_runner(1 if in_process else jobs, scheduler, project.packages),
+        runner=Runner(1 if in_process else jobs, scheduler or "", project.packages),
         out=out,
         modules=project.wasm_modules(question),
         command=f"{program} run {for_shell(text)}" + f" --flavour {flavour}" * bool(flavour),
@@ -175,19 +173,6 @@ def answer(
         error_scope=question.error_scope,
         picture=export.html_picture,
     )
-
-
-def select_runner(jobs: int | None, scheduler: str | None, packages: Sequence[str] = ()) -> Runner:
-    """Return a runner in so many processes of this machine, by default as many as cores, or on a Dask cluster.
-
-    The code of these packages must be the same on all machines. Raises SetupError for jobs together with a
-    scheduler, and for what neither can be.
-    """
-    if jobs is not None and scheduler is not None:
-        raise SetupError("jobs are processes of this machine; the scheduler has its own workers")
-    if scheduler is not None:
-        return ClusterRunner(scheduler, packages=packages)
-    return LocalRunner(jobs, packages=packages)
 
 
 @contextmanager

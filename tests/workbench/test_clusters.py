@@ -23,8 +23,8 @@ from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main
-from workbench.runs.cluster import ClusterRunner
 from workbench.runs.journal import NAME, OutcomeJournal
+from workbench.runs.runner import Runner
 
 PLANE = """
 scenario = "plane.py"
@@ -54,7 +54,6 @@ FIXED_STARTS = """
 import os
 import cosim, workbench
 from workbench import Figure, Findings, Question, Table
-from workbench.runs.local import LocalRunner
 class EndTorque(Question):
     parts = {{"motor": "{0}"}}
 
@@ -64,7 +63,7 @@ class EndTorque(Question):
         found = list(context.each(end, cases, "motor"))
         here = {{os.getpid(), __file__, context.fmus["motor"]}}
         for tau, there in found:
-            assert there == here if isinstance(context.runner, LocalRunner) else not there & here
+            assert there == here if not context.runner.scheduler else not there & here
         units = {{"tau": "N.m"}}
         return Findings({{}}, tables={{"mine.csv": Table.of_rows([[tau] for tau, _ in found], units)}})
 def end(case):
@@ -72,16 +71,13 @@ def end(case):
     return result["motor.tau"][-1], {{os.getpid(), __file__, case[0]["motor"]}}
 """
 LONG = 300.0
-PATIENT = {
-    "distributed.scheduler.allowed-failures": 0,
-    "distributed.deploy.lost-worker-timeout": "600 s",
-}
+PATIENT = {"distributed.deploy.lost-worker-timeout": "600 s"}
 QUIET: dict[str, Any] = {"dashboard_address": "127.0.0.1:0", "silence_logs": 50}
 
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Any]:
-    """Two workers with nannies, one thread each, on this machine; Dask gives up at the first loss."""
+    """Two workers with nannies, one thread each, on this machine."""
     with (
         dask.config.set(PATIENT),
         LocalCluster(n_workers=2, threads_per_worker=1, processes=True, **QUIET) as local_cluster,
@@ -305,7 +301,7 @@ def test_a_sweep_on_a_cluster_gives_the_local_result(
 
 
 def test_a_scheduler_with_tls_needs_certificates_and_the_message_says_where() -> None:
-    runner = ClusterRunner("tls://127.0.0.1:1")
+    runner = Runner(scheduler="tls://127.0.0.1:1")
     with pytest.raises(
         SetupError, match=r"'tls://127.0.0.1:1' needs the certificates .*CLIENT__KEY"
     ):

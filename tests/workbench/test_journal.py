@@ -25,7 +25,7 @@ from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer
 from workbench.runs import journal
-from workbench.runs.local import LocalRunner
+from workbench.runs.runner import Runner
 from workbench.steady import steady_turns
 
 SWEEP = """
@@ -63,7 +63,7 @@ class Sweep:
         """The answers of its runs, none if it is interrupted after `stop` of them."""
         self.page.STOP = stop
         with suppress(KeyboardInterrupt):
-            answer(read(self.page), self.page.Answers(), {}, runner=LocalRunner(1), out=self.folder)
+            answer(read(self.page), self.page.Answers(), {}, runner=Runner(1), out=self.folder)
         return list(self.page.answers)
 
     def runs(self) -> list[str]:

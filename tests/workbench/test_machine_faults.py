@@ -130,9 +130,8 @@ def test_a_study_whose_folder_moves_ends_and_goes_on_where_it_is(home: Path) -> 
     (home / "fault").unlink()
     errors = process.communicate(timeout=100)[1]
     assert process.returncode == 1
-    (motor,) = destination.glob("inputs/*/Motor.fmu")
     assert errors == (
-        f"error: some: run 2: {out / motor.relative_to(destination)} is gone; what was computed is in the "
+        f"error: some: run 2: {out / 'inputs' / 'Motor.fmu'} is gone; what was computed is in the "
         "study's journal, and the same command continues once the file is back\n"
     )
     assert not out.exists()

@@ -26,9 +26,7 @@ from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer, ask
 from workbench.runs import fingerprint, journal
-from workbench.runs.bundle import Bundle
-from workbench.runs.cluster import ClusterRunner
-from workbench.runs.local import LocalRunner
+from workbench.runs.folder import contents, unpack
 from workbench.runs.runner import Runner
 from workbench.runs.worker import CallWorker, Outcome
 
@@ -112,9 +110,9 @@ def test_a_sweep_is_the_same_for_any_number_of_jobs(tmp_path: Path) -> None:
     tasks = [(x, str(tmp_path / "ledger")) for x in (3.0, 1.0, 2.0, 5.0, 4.0, 1.0)]
     expected = [9.0, 3.0, 6.0, 15.0, 12.0, 3.0]
     for jobs in (1, 2, 8):
-        assert list(LocalRunner(jobs).map(plane.height, tasks, "heights")) == expected
+        assert list(Runner(jobs).map(plane.height, tasks, "heights")) == expected
     assert len(lines(tmp_path / "ledger")) == 18
-    assert list(LocalRunner(2).map(plane.height, [], "heights")) == []
+    assert list(Runner(2).map(plane.height, [], "heights")) == []
 
 
 MINE = """
@@ -138,7 +136,7 @@ def test_a_sweep_of_a_question_in_a_separate_file_runs_in_processes(tmp_path: Pa
     path = tmp_path / "tabnanny.py"
     path.write_text(MINE)
     page = load_module(str(path))
-    context = Context({}, LocalRunner(2, page=str(path)))
+    context = Context({}, Runner(2, page=str(path)))
     points = [page.Point(1.0), page.Point(3.0)]
     assert list(context.each(page.double, points, "double")) == [(2.0,), (6.0,)]
 
@@ -162,7 +160,7 @@ def test_a_task_that_crashes_ends_its_sweep_with_a_sentence(
 ) -> None:
     def sweep(x: float) -> int:
         tasks = [(1.0, str(tmp_path / "ledger")), (x, "/dev/null")]
-        return exit_code(lambda: len(list(LocalRunner(2).map(plane.height, tasks, "heights"))))
+        return exit_code(lambda: len(list(Runner(2).map(plane.height, tasks, "heights"))))
 
     assert sweep(7.5) == 1
     message = "error: heights, 2 of 2 ((7.5, '/dev/null')): the run ended its process: SIGSEGV\n"
@@ -180,7 +178,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
 
     def sweep(who: dict[str, Any], stop: float) -> None:
         with journal.open_journal(tmp_path, who, passing=True) as rows:
-            for height in LocalRunner(jobs).map(plane.height, tasks, "heights", rows):
+            for height in Runner(jobs).map(plane.height, tasks, "heights", rows):
                 if height == stop:
                     raise KeyboardInterrupt
 
@@ -209,11 +207,10 @@ import sys
 from cosim.cli.options import exit_code
 from cosim.journal import DIGEST
 from tests.hosts import light, plane
-from workbench.runs.cluster import ClusterRunner
-from workbench.runs.local import LocalRunner
+from workbench.runs.runner import Runner
 ledger = sys.argv[1]
 tasks = [("good", ledger), ("hang", ledger), ("hang", ledger)]
-sys.exit(exit_code(lambda: len(list(LocalRunner(2).map(plane.be, tasks, "moods")))))
+sys.exit(exit_code(lambda: len(list(Runner(2).map(plane.be, tasks, "moods")))))
 """
 
 
@@ -306,7 +303,7 @@ def test_an_option_without_effect_is_refused() -> None:
     with pytest.raises(
         SetupError, match=r"^scheduler: this question does its runs together in one"
     ):
-        assert Context({}, ClusterRunner("tcp://x:1")).jobs
+        assert Context({}, Runner(scheduler="tcp://x:1")).jobs
     for name in catalog.names(PROJECT.home):
         if PROJECT.load(name).is_sequential:
             with pytest.raises(SetupError, match=f"^jobs = 2 has no effect on {name}, whose runs"):
@@ -324,21 +321,21 @@ def test_no_process_for_runs_is_a_sentence(
 def test_a_failure_in_a_child_brings_its_traceback(tmp_path: Path) -> None:
     tasks = [("fail", str(tmp_path / "ledger"))] * 2
     with pytest.raises(SimulationError, match=r"(?s)ZeroDivisionError: no plane.*in fail"):
-        list(LocalRunner(2).map(plane.be, tasks, "moods"))
+        list(Runner(2).map(plane.be, tasks, "moods"))
     with pytest.raises(ZeroDivisionError):
-        list(LocalRunner(1).map(plane.be, tasks, "moods"))
+        list(Runner(1).map(plane.be, tasks, "moods"))
 
 
 def test_a_damaged_file_among_the_inputs_is_written_anew(tmp_path: Path) -> None:
     """Runs would be refused for it, for ever."""
     (tmp_path / "A.fmu").write_bytes(b"an FMU")
-    cargo = Bundle.of([tmp_path / "A.fmu"])
-    unpacked_folder = cargo.unpacked_folder(tmp_path / "inputs")
+    files, folder = contents([tmp_path / "A.fmu"]), tmp_path / "inputs"
+    unpack(files, folder)
     for damage in (lambda file: file.write_bytes(b"an"), lambda file: file.unlink()):
-        damage(unpacked_folder / "A.fmu")
-        assert cargo.unpacked_folder(tmp_path / "inputs") == unpacked_folder
-        assert (unpacked_folder / "A.fmu").read_bytes() == b"an FMU"
-    assert [path.name for path in (tmp_path / "inputs").iterdir()] == [cargo.name]
+        damage(folder / "A.fmu")
+        unpack(files, folder)
+        assert (folder / "A.fmu").read_bytes() == b"an FMU"
+    assert [path.name for path in folder.iterdir()] == ["A.fmu"]
 
 
 class Slow(Runner):
@@ -349,8 +346,6 @@ class Slow(Runner):
         function: Any,
         tasks: Mapping[int, Any],
         limits: Mapping[int, float] = MappingProxyType({}),
-        *,
-        is_isolated: bool = True,
     ) -> Any:
         for key, call in tasks.items():
             CALLS.append(call)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from functools import cache
 from importlib.util import find_spec
@@ -10,9 +11,12 @@ from typing import Any
 
 import cosim
 
-from .bundle import digest
-
 SOURCES = ("cosim", "workbench")
+
+
+def digest(content: bytes) -> str:
+    """A short name for a content."""
+    return hashlib.sha256(content).hexdigest()[:16]
 
 
 def computation(where: str, fmus: Mapping[str, Path], *packages: str) -> dict[str, Any]:

@@ -1,8 +1,8 @@
-"""A folder of results belongs to one run, from its first row to its last file."""
+"""A folder of results belongs to one run, from its first row to its last file; files that runs need, as what they hold."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
@@ -57,6 +57,26 @@ def reservation(folder: Path | None) -> Iterator[None]:
             (folder / LOCK).unlink()
         lock.release()
         _remove_empty(new)
+
+
+def contents(paths: Iterable[Path]) -> dict[str, bytes]:
+    """What files hold, by name; raises SetupError for two of one name."""
+    files: dict[str, bytes] = {}
+    for path in dict.fromkeys(paths):
+        if path.name in files:
+            raise SetupError(f"PARTS: two files are called {path.name}")
+        files[path.name] = path.read_bytes()
+    return files
+
+
+def unpack(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write files into a folder, but for those that are there."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        path = folder / name
+        if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
+            path.unlink(missing_ok=True)
+            path.write_bytes(content)
 
 
 def _remove_empty(folders: list[Path]) -> None:

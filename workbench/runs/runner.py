@@ -1,15 +1,19 @@
-"""Many runs: what every runner promises, wherever it does them. Tasks go in, outcomes come out, a journal keeps them."""
+"""Many runs, in processes of this machine or on a cluster. Tasks go in, outcomes come out, a journal keeps them.
+
+A run may end its process, hang or be killed: that is an outcome like any other.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import reprlib
 import signal
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -20,14 +24,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemaining
 
 from cosim import Result, SetupError, SimulationError
 from cosim.signals import handle_stop_signals
+from cosim.threads import available_cores
 
+from ..options import at_least
 from .journal import Key, OutcomeJournal
-from .worker import MACHINE, OK, TIMEOUT, Outcome
+from .worker import MACHINE, OK, TIMEOUT, CallWorker, Outcome, wait_for_any
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
 Outcomes = Generator[tuple[Key, Outcome]]
-
+ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 
 #: Calls of a study at least, where each may take several cases. Chosen: as many as an ordinary machine has cores.
 LEAST_CALLS = 8
@@ -40,39 +46,83 @@ class RunFailedError(SimulationError):
         super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Runner(ABC):
-    """Does runs. To add one: write a dataclass with a `stream`; the rest is here.
-
-    A run may end its process, hang or be killed: that is an outcome like any other.
+@dataclass(frozen=True)
+class Runner:
+    """Does runs in so many processes of this machine, by default as many as cores, or on a Dask cluster.
 
     Attributes
     ----------
+    jobs : int, optional
+        Processes of this machine.
+    scheduler : str
+        The address of a Dask scheduler, "tcp://host:8786"; "" for none.
     packages : sequence of str
         Packages whose code must be that of this process.
     page : str
         The question, by module or file; it is loaded where its functions are called.
     files : sequence of Path
         Files that the tasks name, among them a question that is a file.
+
+    Raises
+    ------
+    SetupError
+        For fewer processes than one, for what is no address, and for both.
     """
 
+    jobs: int | None = None
+    scheduler: str = ""
     packages: Sequence[str] = ()
     page: str = ""
     files: Sequence[Path] = ()
 
-    @abstractmethod
+    def __post_init__(self) -> None:
+        if self.jobs is not None and self.scheduler:
+            raise SetupError(
+                "jobs are processes of this machine; the scheduler has its own workers"
+            )
+        if self.jobs is not None:
+            at_least("jobs", self.jobs, 1)
+        if self.scheduler and not ADDRESS.fullmatch(self.scheduler):
+            raise SetupError(f"scheduler = {self.scheduler!r} must read tcp://HOST:PORT")
+
     def stream(
         self,
         function: Callable[[Any], Any],
         tasks: Mapping[Key, Any],
         limits: Mapping[Key, float] = MappingProxyType({}),
-        *,
-        is_isolated: bool = True,
     ) -> Outcomes:
-        """Give key and outcome of each task as they are done, each within its wall time [s], if it has one.
+        """Give key and outcome of each task as they are done in other processes, each within its wall time [s], if it has one."""
+        if self.scheduler:
+            try:
+                from . import cluster
+            except ImportError:
+                raise SetupError(
+                    '--scheduler needs the package distributed: write pip install "drive-fmus[cluster]"'
+                ) from None
+            yield from cluster.stream(self, function, tasks, limits)
+            return
+        waiting = iter(tasks.items())
+        workers = [CallWorker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
+        key_of: dict[CallWorker, Key] = {}
 
-        Each is done in another process than this one if it `is_isolated`; else it may raise here.
-        """
+        def start_next(worker: CallWorker) -> None:
+            for key, task in islice(waiting, 1):
+                key_of[worker] = key
+                worker.give(function, task, limits.get(key), self.page)
+
+        try:
+            for worker in workers:
+                start_next(worker)
+            while key_of:
+                wait_for_any(list(key_of))
+                for worker in list(key_of):
+                    if (outcome := worker.step()) is not None:
+                        key = key_of.pop(worker)
+                        start_next(worker)
+                        yield key, outcome
+        finally:
+            for worker in workers:
+                worker.close()
 
     def outcomes(
         self,
@@ -105,8 +155,10 @@ class Runner(ABC):
         missing = {key: task for key, task in tasks.items() if key not in done}
         if at_once:
             fresh = self._together(function, tasks, missing.keys(), timeout, at_once)
+        elif self.jobs == 1:
+            fresh = ((key, Outcome(OK, function(task))) for key, task in missing.items())
         else:
-            fresh = self.stream(function, missing, is_isolated=False)
+            fresh = self.stream(function, missing)
         failed = sum(outcome.status != OK for outcome in done.values())
         with (
             handle_stop_signals(signal.default_int_handler),

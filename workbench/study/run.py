@@ -19,14 +19,15 @@ from cosim.system import connect
 
 from ..answer import Answer
 from ..export import write
-from ..files import remove, replacement
+from ..files import replacement
+from ..find import Find
 from ..options import declared
-from ..run import rows, select_runner
-from ..runs.bundle import Bundle, digest
-from ..runs.fingerprint import computation
-from ..runs.folder import reservation
+from ..run import rows
+from ..runs.fingerprint import computation, digest
+from ..runs.folder import contents, reservation, unpack
 from ..runs.journal import OutcomeJournal, open_journal
-from ..runs.worker import TIMEOUT
+from ..runs.runner import Runner
+from ..runs.worker import TIMEOUT, Outcome
 from .file import Study, ends
 from .report import conclude, figures_of, is_row
 
@@ -51,14 +52,10 @@ def run(
     Raises KeyboardInterrupt after Ctrl-C; what is done is kept in the journal.
     """
     began = time.perf_counter()
-    runner = select_runner(jobs, scheduler, study.project.packages)
+    runner = Runner(jobs, scheduler or "", study.project.packages)
     flavour = flavour or study.project.flavour(study.question)
     fmus = study.project.fmus(study.question, flavour)
     units, who = _units(study, fmus), identity(study, fmus, flavour)
-    finds = {
-        name: x._replace(unit=connect(System(fmus)).port(x.over).unit) if "." in x.over else x
-        for name, x in study.find.items()
-    }
     folder = Path("results") / "studies" / study.name if out is None else out
     scratch()  # removes what killed runs left there, though this one may have no run to do
     with reservation(folder), open_journal(folder, who, is_row) as journal:
@@ -66,14 +63,13 @@ def run(
             fresh.write_bytes(study.path.read_bytes())
         _forget_short_of(study.timeout, journal)
         before, question_files = len(journal), study.question.own_files
-        inputs = Bundle.of([*fmus.values(), *question_files])
-        for unfinished in (folder / "inputs").glob(f"{inputs.name}.*"):  # a killed run left it
-            remove(unfinished)
-        home = inputs.unpacked_folder(folder / "inputs")
+        home = (folder / "inputs").resolve()
+        inputs = contents([*fmus.values(), *question_files])
+        unpack(inputs, home)
         page = home / question_files[0].name if question_files else study.question.locator
         files = {part: home / path.name for part, path in fmus.items()}
-        answers = partial(rows, page, files, finds=finds)
-        runner = replace(runner, page=str(page), files=[home / name for name in inputs.files])
+        answers = partial(rows, page, files, finds=_finds(study, fmus))
+        runner = replace(runner, page=str(page), files=[home / name for name in inputs])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once
         outcomes = dict(
@@ -109,6 +105,25 @@ def _forget_short_of(timeout: float | None, journal: OutcomeJournal) -> None:
     if ended:
         runs = f"{pluralize(len(ended), 'run')} that had no answer in time {'is' if len(ended) == 1 else 'are'}"
         print(f"{journal.path.parent}: {runs} done again", file=sys.stderr)
+
+
+def work(
+    study: Study, flavour: str = ""
+) -> tuple[Callable[[list[Mapping[str, Any]]], list[Outcome]], list[dict[str, Any]]]:
+    """Return a function that solves some cases of a study wherever it is called, as it can be pickled; and all cases.
+
+    Its outcomes have a status, and an answer with names, units and reasons, values and errors of the figures, and warnings.
+    """
+    fmus = study.project.fmus(study.question, flavour or study.project.flavour(study.question))
+    return partial(rows, study.question.locator, fmus, finds=_finds(study, fmus)), study.cases()
+
+
+def _finds(study: Study, fmus: Mapping[str, Path]) -> dict[str, Find]:
+    """What a study finds, with the units of start values."""
+    return {
+        name: x._replace(unit=connect(System(fmus)).port(x.over).unit) if "." in x.over else x
+        for name, x in study.find.items()
+    }
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
