@@ -22,7 +22,7 @@ from cosim.journal import differences
 
 from .fingerprint import facts
 from .folder import contents, unpack
-from .runner import Outcomes, RunFailedError, Runner
+from .runner import Outcomes, RunFailedError
 from .worker import CallWorker, Outcome
 
 #: Time to reach the scheduler [s], a convention of this project.
@@ -117,12 +117,13 @@ def _run(
 
 
 def stream(
-    runner: Runner,
-    function: Callable[[Any], Any],
-    tasks: Mapping[int, Any],
-    limits: Mapping[int, float],
+    scheduler: str,
+    calls: Mapping[Key, tuple[Callable[[Any], Any], Any, float | None]],
+    page: str,
+    files: Sequence[Path],
+    packages: Sequence[str],
 ) -> Outcomes:
-    """Give key and outcome of each task, from the workers of a runner's scheduler, whose code must be that of this process.
+    """Give key and outcome of each call of a function of a task within a time [s], by workers whose code is this one's.
 
     Raises
     ------
@@ -132,20 +133,19 @@ def stream(
     SimulationError
         If all workers are gone for a minute, or if Dask gives up on a run whose workers were lost.
     """
-    if not tasks:
+    if not calls:
         return
-    scheduler, files, packages = runner.scheduler, runner.files, runner.packages
     with _connect(scheduler) as client:
         needed = facts(*packages)
         _check(client, scheduler, needed, packages)
         client.register_plugin(Files(contents(files)))
-        calls = [_pickled((function, task), files) for task in tasks.values()]
-        times = [limits.get(key) for key in tasks]
+        sent = [_pickled((function, task), files) for function, task, _ in calls.values()]
+        limits = [limit for *_, limit in calls.values()]
         futures = client.map(
-            _run, calls, times, page=runner.page, local_facts=needed, packages=packages, pure=False
+            _run, sent, limits, page=page, local_facts=needed, packages=packages, pure=False
         )
         try:
-            yield from _outcomes(client, scheduler, dict(zip(futures, tasks)))
+            yield from _outcomes(client, scheduler, dict(zip(futures, calls)))
         finally:
             with contextlib.suppress(OSError, TimeoutError):
                 client.cancel(futures)
@@ -165,7 +165,7 @@ def _connect(scheduler: str) -> Any:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
 
 
-def _outcomes(client: Any, scheduler: str, key_of: dict[Any, int]) -> Outcomes:
+def _outcomes(client: Any, scheduler: str, key_of: dict[Any, Key]) -> Outcomes:
     """Give key and outcome of each run as they are done."""
     done: SimpleQueue[Any] = SimpleQueue()
     for future in key_of:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
@@ -17,12 +17,21 @@ from typing import Any
 import numpy as np
 
 import cosim.journal
+from cosim import Result, SimulationError
 from cosim.errors import pluralize
 
 from .worker import OK, STATUSES, Outcome
 
 NAME = "journal.runs"
 Key = int
+Outcomes = Generator[tuple[Key, Outcome]]
+
+
+class RunFailedError(SimulationError):
+    """A task that did not come to its end."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
 
 
 def _plain(value: Any, numbers: list[float]) -> Any:

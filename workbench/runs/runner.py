@@ -9,7 +9,7 @@ import math
 import re
 import reprlib
 import signal
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import closing
 from dataclasses import dataclass
@@ -18,32 +18,23 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from cosim import Result, SetupError, SimulationError
+from cosim import SetupError
 from cosim.signals import handle_stop_signals
 from cosim.threads import available_cores
 
 from ..options import at_least
-from .journal import Key, OutcomeJournal
+from .journal import Key, OutcomeJournal, Outcomes, RunFailedError
 from .worker import MACHINE, OK, TIMEOUT, CallWorker, Outcome, wait_for_any
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
-Outcomes = Generator[tuple[Key, Outcome]]
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 
 #: Calls of a study at least, where each may take several cases. Chosen: as many as an ordinary machine has cores.
 LEAST_CALLS = 8
-
-
-class RunFailedError(SimulationError):
-    """A task that did not come to its end."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
 
 
 @dataclass(frozen=True)
@@ -99,7 +90,8 @@ class Runner:
                 raise SetupError(
                     '--scheduler needs the package distributed: write pip install "drive-fmus[cluster]"'
                 ) from None
-            yield from cluster.stream(self, function, tasks, limits)
+            calls = {key: (function, task, limits.get(key)) for key, task in tasks.items()}
+            yield from cluster.stream(self.scheduler, calls, self.page, self.files, self.packages)
             return
         waiting = iter(tasks.items())
         workers = [CallWorker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
