@@ -22,7 +22,7 @@ from cosim.journal import differences
 
 from .fingerprint import facts
 from .folder import contents, unpack
-from .runner import Outcomes, RunFailedError
+from .journal import Key, Outcomes, RunFailedError
 from .worker import CallWorker, Outcome
 
 #: Time to reach the scheduler [s], a convention of this project.
