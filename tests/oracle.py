@@ -24,7 +24,6 @@ from fmukit.runtime import hybrid
 from fmukit.trace.modules import modules
 
 TIGHT = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
-SYMBOLIC = {"sin": sympy.sin, "cos": sympy.cos, "sqrt": sympy.sqrt, "exp": sympy.exp}
 
 
 def load_copy(model: ModuleType, functions: dict[str, Any]) -> ModuleType:
@@ -69,11 +68,6 @@ def by_name(p: Any) -> dict[str, Any]:
     return {name: attrgetter(name)(p) for name, _ in declarations(type(p))}
 
 
-def symbolic(model: ModuleType) -> ModuleType:
-    """A copy of a component whose mathematics is SymPy's."""
-    return load_copy(model, SYMBOLIC)
-
-
 def lagrange(energy: Any, q: list[Any], w: list[Any], forces: list[Any]) -> tuple[Any, Any]:
     """Mass matrix M and rest b of Lagrange's equations M a + b = 0 from the kinetic less the potential
     energy, a function of the symbols of the coordinates q and their rates w, and the other forces.
@@ -112,11 +106,6 @@ def monolithic(values: dict[str, Any], stop: float, t_eval: Any = None, **option
 
     settings = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-12} | options
     return solve_ivp(rhs, (0.0, stop), state, t_eval=t_eval, **settings)
-
-
-def revolution_samples(nu: float, revolutions: int, per_revolution: int) -> Any:
-    """Times of `per_revolution` samples per nominal revolution."""
-    return np.arange(revolutions * per_revolution + 1) * (2 * math.pi / nu / per_revolution)
 
 
 class Part(NamedTuple):

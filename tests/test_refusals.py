@@ -2,7 +2,8 @@
 
 `refusals.toml` has a row for each: the command, its exit status, its line on stderr. Whoever changes one writes the table
 again, `python tests/test_refusals.py`, and reads the difference. FMUS stands for the folder of native FMUs, ROOT for
-the project, DRIVE for motor and conveyor as an .ssp of one second. A command runs in an empty folder, and leaves it so.
+the project, DRIVE for motor and conveyor as an .ssp of one second, HERE for the current folder. It is empty, and a command
+leaves it so; a row with a `file` of `tests/refused` or `examples` has it there, its `old` text replaced by a `new` one.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import contextlib
 import io
 import os
 import shlex
+import shutil
 import sys
 import tempfile
 import tomllib
@@ -28,6 +30,7 @@ from tests.conftest import ROOT
 TABLE = Path(__file__).with_name("refusals.toml")
 ROWS: list[dict[str, Any]] = tomllib.loads(TABLE.read_text(encoding="utf-8"))["refusal"]
 NATIVE = ROOT / "fmus" / "native"
+ASKED = ("command", "file", "old", "new")
 
 
 @contextlib.contextmanager
@@ -42,30 +45,60 @@ def places() -> Iterator[dict[str, str]]:
         write_ssp(pair(NATIVE), drive, stop=1.0)
         os.chdir(empty)
         try:
-            yield {"FMUS": str(NATIVE), "DRIVE": str(drive), "ROOT": str(ROOT)}
+            yield {
+                "FMUS": str(NATIVE), "DRIVE": str(drive), "ROOT": str(ROOT), "HERE": str(Path.cwd()),
+            }  # fmt: skip
         finally:
             os.chdir(before)
 
 
-def outcome(command: str, words: dict[str, str]) -> tuple[int, str]:
+@contextlib.contextmanager
+def given_files(row: dict[str, Any]) -> Iterator[None]:
+    """The file of a row in the current folder, beside the question that studies ask."""
+    if "file" not in row:
+        yield
+        return
+    (source,) = (
+        path
+        for folder in ("tests/refused", "examples")
+        if (path := ROOT / folder / row["file"]).is_file()
+    )
+    text = source.read_text(encoding="utf-8")
+    assert row["old"] in text
+    Path(row["file"]).write_text(text.replace(row["old"], row["new"], 1), encoding="utf-8")
+    shutil.copy(ROOT / "tests" / "hosts" / "plane.py", "plane.py")
+    try:
+        yield
+    finally:
+        for name in (row["file"], "plane.py"):
+            Path(name).unlink()
+        shutil.rmtree("__pycache__", ignore_errors=True)
+
+
+def outcome(row: dict[str, Any], words: dict[str, str]) -> tuple[int, str]:
     """Exit status and stderr of a command, with the words of the table for places."""
     from cosim.cli.main import main as cosim
+    from fmukit.__main__ import main as fmukit
     from scenarios.project import PROJECT
     from workbench.cli import main as scenarios
 
+    command = row["command"]
     for word, place in words.items():
         command = command.replace(word, place)
     program, *arguments = shlex.split(command)
-    if arguments[:1] == ["run"] and program == "scenarios":
+    if program == "scenarios" and arguments[:1] in (["run"], ["study"]):
         arguments += ["--flavour", "native", "--out", "out"]
     error = io.StringIO()
-    with contextlib.redirect_stderr(error), contextlib.redirect_stdout(io.StringIO()):
+    with (
+        contextlib.redirect_stderr(error),
+        contextlib.redirect_stdout(io.StringIO()),
+        given_files(row),
+    ):
         try:
-            status = (
-                cosim(arguments)
-                if program == "cosim"
-                else scenarios(arguments, PROJECT, "scenarios")
-            )
+            if program == "scenarios":
+                status = scenarios(arguments, PROJECT, "scenarios")
+            else:
+                status = {"cosim": cosim, "fmukit": fmukit}[program](arguments)
         except SystemExit as end:
             status = int(end.code or 0)
     text = error.getvalue()
@@ -80,34 +113,37 @@ def words() -> Iterator[dict[str, str]]:
         yield found
 
 
-@pytest.mark.parametrize("row", ROWS, ids=lambda row: row["command"][:60])
+@pytest.mark.parametrize(
+    "row", ROWS, ids=lambda row: f"{row['command'][:60]} {row.get('new', '')[:30]}"
+)
 def test_a_command_is_refused_in_these_words_and_leaves_nothing(
     row: dict[str, Any], words: dict[str, str]
 ) -> None:
-    status, error = outcome(row["command"], words)
+    status, error = outcome(row, words)
     assert (status, error) == (row["status"], row["stderr"])
     assert error.startswith("error: ")
     assert "\n" not in error
     assert [*Path.cwd().iterdir()] == []
 
 
+def quoted(text: str) -> str:
+    """A string of TOML, without escapes where there need be none."""
+    if "'" not in text and "\n" not in text:
+        return f"'{text}'"
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + escaped.replace("\n", "\\n") + '"'
+
+
 def renew() -> None:
     """Write the table again, sorted by command."""
-
-    def quoted(text: str) -> str:
-        return (
-            f"'{text}'"
-            if "'" not in text
-            else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-        )
-
-    rows = []
+    asked = {tuple(row.get(key, "") for key in ASKED): row for row in ROWS}
     with places() as found:
-        for command in sorted({row["command"] for row in ROWS}):
-            status, error = outcome(command, found)
-            rows.append(
-                f"[[refusal]]\ncommand = {quoted(command)}\nstatus = {status}\nstderr = {quoted(error)}\n"
-            )
+        rows = []
+        for row in (asked[key] for key in sorted(asked)):
+            status, error = outcome(row, found)
+            lines = [f"{key} = {quoted(row[key])}" for key in ASKED if key in row]
+            lines += [f"status = {status}", f"stderr = {quoted(error)}"]
+            rows.append("\n".join(["[[refusal]]", *lines, ""]))
     TABLE.write_text("\n".join(rows), encoding="utf-8")
     print(f"{len(rows)} rows written to {TABLE.name}")
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 
-from fmukit.__main__ import main
 from fmukit.fmu import make, validate
 from fmukit.fmu.native import package
 from fmukit.fmu.workplace import OWNER, PREFIX, workplace
@@ -173,37 +172,6 @@ def test_a_file_that_cannot_be_written_is_named_and_stops_no_other(
         "Gain.wasm", "VanDerPol.fmu", "VanDerPol.wasm"
     }  # fmt: skip
     assert not [*tmp_path.rglob(f"{PREFIX}*")]
-
-
-def test_a_folder_that_cannot_be_made_is_said_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("mine")
-    out = tmp_path / "file" / "fmus"
-    monkeypatch.setattr(sys, "argv", ["fmukit", "build", str(MODEL), "--out", str(out)])
-    assert main() == 1
-    assert capsys.readouterr().err == f"error: {out} cannot be written: Not a directory: {out}\n"
-
-
-@pytest.mark.parametrize(
-    ("given", "sentence"),
-    [
-        ("nothing.py", "there is no file nothing.py"),
-        ("drive_motr", "there is no file and no machine drive_motr; did you mean drive_motor?"),
-        ("pump", "there is no file and no machine pump; the machines are DC_motor, crank"),
-        (str(ROOT / "components" / "gearbox"), f"is a folder: write {ROOT}/components/gearbox/model.py"),
-        (str(ROOT), "is a folder: write the .py file of a model"),
-        (str(ROOT / "LICENSE"), "is not a Python file: write the .py file of a model"),
-    ],
-)  # fmt: skip
-def test_what_is_no_model_is_refused_with_what_to_write(
-    given: str, sentence: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["fmukit", "build", given])
-    assert main() == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    assert sentence in line
 
 
 def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> None:

@@ -192,21 +192,6 @@ def test_the_line_keeps_its_speeds_whatever_its_motors_are() -> None:
     assert start.items() <= line.start.items()
 
 
-@pytest.mark.parametrize(
-    ("start", "message"),
-    [
-        ("motor.T=0", "T = 0.0 s must be > 0"),
-        ("motor.B=0", "motor.B = 0.0 N.m.s/rad must be above 0"),
-        ("conveyor.crank.r=wide", "conveyor.crank.r [m] = 'wide' must be of type Real"),
-        ("motor.T", "'motor.T' must read NAME=VALUE"),
-    ],
-)
-def test_start_values_that_theory_or_fmus_cannot_bear_are_refused(start: str, message: str) -> None:
-    for name in ("resonance", "run_up"):
-        with pytest.raises(SetupError, match=re.escape(message)):
-            ask(name, start=[start])
-
-
 def test_python_asks_what_the_command_asks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -92,50 +91,6 @@ def test_the_end_of_a_run_up_begins_at_its_time_wherever_the_rows_lie() -> None:
 
 
 EXAMPLE = (ROOT / "examples" / "run_down.py").read_text()
-BROKEN = [
-    ("    numbers = (", "    values = (", 2, "must have numbers, or define figures(self, r)"),
-    (
-        "RunDown(Question, RunOptions)",
-        "RunDown(RunOptions)",
-        2,
-        "must define one class that derives from workbench.Question",
-    ),
-    (
-        "RunDown(Question, RunOptions)",
-        "RunDown(Question)",
-        2,
-        "must derive from workbench.RunOptions as well",
-    ),
-    ('"-motor.tau"), "N.m"', '"-motor.tau"), ""', 2, "the formula '-motor.tau' needs a unit"),
-    ('level="0.1 * speed"', 'level="0.1 * spee"', 2, "formula '0.1 * spee' uses 'spee'"),
-    ('f["tenth"], most', 'f["tent"], most', 1, "there is no figure 'tent', did you mean 'tenth'?"),
-    ("def judgements(self, f, r):", "def judgements(self, f, r:", 1, "'(' was never closed"),
-    ('"DriveMotor"', '"DriveMotr"', 2, "there is no machine 'DriveMotr' in components"),
-    ('"DriveMotor"', '"DriveMotor.fmu"', 2, "parts: motor = 'DriveMotor.fmu': no file"),
-    ('"""How long', '"""\n"""How long', 1, "mine.py"),
-    ("from workbench", "import nowhere\nfrom workbench", 1, "mine.py:3: ModuleNotFoundError"),
-    ("lag: float", "jobs: float", 2, "no option can be called 'jobs'"),
-    ("lag: float", "lag: list", 2, "option 'lag' must be a float, int, str or bool"),
-    ("parts = {", "parts = 3 or {", 2, "parts must be a dict of FMUs by part"),
-    ('{"motor.tau": "red"}', '{"motor.tua": "red"}', 2, "motor has no variable 'tua'"),
-    ('{"motor.tau": "red"}', '{"motor.tau": "rd"}', 2, "color 'rd' must be one of red, blue"),
-    ('Slider("lag"', 'Slider("lga"', 2, "'lga' is neither an option nor a start value"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "code", "message"), BROKEN, ids=lambda x: str(x)[:30])
-def test_what_is_wrong_with_a_users_question_is_a_line(
-    old: str, new: str, code: int, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert old in EXAMPLE
-    path = tmp_path / "mine.py"
-    path.write_text(EXAMPLE.replace(old, new, 1))
-    assert main("run", path, "--out", tmp_path / "out") == code
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
-    words = {"parts", "FMUs", "option", "formula", "chart"}
-    assert str(path) in error or words & set(re.findall(r"\w+", error))
 
 
 def test_a_users_question_runs_and_is_studied_anywhere(tmp_path: Path) -> None:

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from cosim import SetupError
 from scenarios import ask
-from tests.conftest import fmus_of
+from tests.conftest import ROOT, fmus_of
 from workbench import Figure, Number
-from workbench.catalog import QuestionError
 from workbench.method import follows
 from workbench.options import Option
 from workbench.question import load
@@ -91,117 +89,7 @@ def test_numbers_of_a_run_hold_those_of_a_finer_one(page: Path) -> None:
     assert [fine[x].unit for x in ("late", "turned", "time")] == ["rad/s", "1", "s"]
 
 
-@pytest.mark.parametrize(
-    ("number", "message"),
-    [
-        (
-            'Reader("max", "abs(motor.torque)"), "N.m"',
-            "uses 'motor.torque', which is no option, start",
-        ),
-        ('Reader("first_crossing", "motor.tau", level="2 * sped")', "'sped'.*did you mean 'speed'"),
-        ('Reader("max", "motor.tau"), "", "up to {stopp:g} s"', "the meaning of 'x' names 'stopp'"),
-        ('Reader("max", "motor.torque")', "there is no column 'motor.torque', only"),
-        ('Reader("max", "abs(motor.tau)")', "needs a unit"),
-        ('Reader("max", "motor.tau"), "kg"', "number 'x': motor.tau is in N.m.*convert to kg"),
-        (
-            'Reader("time_of_max", "abs(motor.tau)"), "N.m"',
-            "time_of_max is a time in s, not in N.m",
-        ),
-        ('Reader("phase", "motor.tau"), "deg"', "must be one of last, change, max"),
-        ('Reader("max", "abs(motor.tau)"), "W"', "'x': 'abs(motor.tau)' is not in W, with motor"),
-        ('"motor.T * speed", "s"', "is not in s, with motor.T in s, speed in rad/s"),
-        ('Integral("motor.P"), "N"', "is in W.s, which does not convert to N"),
-        ('Reader("max", "motor.tau"), "", "up to {"', "the meaning of 'x': "),
-        ('"speed / 2"', "is not in 1, with speed in rad/s"),
-        ('Reader("first_crossing", "motor.tau", level="speed")', "level: 'speed' is not in N.m"),
-    ],
-)
-def test_a_number_that_cannot_be_read_is_one_line(page: Path, number: str, message: str) -> None:
-    head, _ = PAGE.split("    numbers = ")
-    page.write_text(f'{head}    numbers = (Number("x", {number}),)\n')
-    with pytest.raises(SetupError, match="(?s)" + message.replace("(", r"\(").replace(")", r"\)")):
-        figures(page)
-
-
-OWN = (
-    PAGE.replace(
-        "from workbench import ",
-        "from cosim import System\nfrom workbench import Judgement, RunChart, RunPanel, Slider, ",
-    ).partition("    numbers = ")[0]
-    + """
-    numbers = (
-        Number("torque", Reader("max", "motor.tau"), "kN.m"),
-        Number("time", Reader("time_of_max", "motor.tau")),
-    )
-    record = ("conveyor.w",)
-    charts = (RunChart("Turning", "time [s]", [RunPanel("torque", {"motor.tau": "red"})]),)
-    sliders = (Slider("speed", 20.0, 60.0),)
-
-    def judgements(self, f, r):
-        return [Judgement("in time", f["time"], most=0.4)]
-"""
-)
-SYSTEM = """
-    def system(self, fmus):
-        return System(fmus, self.wires{})
-
-    def judgements"""
-MISTAKES = [
-    (
-        "\n    def judgements",
-        SYSTEM.format(", self.start"),
-        "start_values: conveyor.w: system.. does not pass it on",
-    ),
-    (
-        "\n    def judgements",
-        SYSTEM.format(', {"conveyor.w": 1.0}'),
-        "--start motor.T: system.. does not",
-    ),
-    (
-        '{"motor.tau": "red"}',
-        '{"motor.tau": "red"}, unit="kg"',
-        "panel 'torque': motor.tau is in N.m",
-    ),
-    (
-        '{"motor.tau": "red"}',
-        '{"motor.tau": "red"}, levels={"all": "speed"}',
-        "panel 'torque': 'speed' is not in N.m, with speed in rad/s",
-    ),
-    (
-        '{"conveyor.w": "speed"}',
-        '{"motor.characteristic": "kloss"}',
-        "start_values: motor.characteristic: .*its number",
-    ),
-    ("most=0.4", 'most=f["torque"]', "the figure is in s, and most in kN.m"),
-    ("most=0.4", 'most="0.4"', "'in time': most = '0.4' must be a number or a figure"),
-    ('f["time"]', 'f["time"].value', "must be a figure, f."),
-    ('f["time"]', 'f["tine"]', "there is no figure 'tine', did you mean 'time'"),
-    (
-        "def judgements",
-        "def judgments",
-        "judgments is no part of a question; did you mean judgements",
-    ),
-    ("sliders =", "slider =", "slider is no part of a question; did you mean sliders"),
-    ("numbers = (", "figures = (", "figures must be a method"),
-    ("60.0),)", "60.0))", "sliders must be a tuple, .Slider"),
-    (
-        "20.0, 60.0",
-        "50.0, 60.0",
-        "slider 'speed' from 50 to 60 must contain its original value 40",
-    ),
-    ('Slider("speed"', 'Slider("sped"', "slider 'sped' is neither an option nor a start value"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), MISTAKES, ids=lambda x: str(x)[:30])
-def test_a_mistake_in_a_question_of_tables_is_one_line(
-    page: Path, old: str, new: str, message: str
-) -> None:
-    assert OWN.count(old) == 1
-    page.write_text(OWN.replace(old, new))
-    with pytest.raises((SetupError, QuestionError), match=message) as caught:
-        ask(str(page), stop=0.05, start={"motor.T": 0.03})
-    assert "\n" not in str(caught.value)
+OWN = (ROOT / "tests" / "refused" / "turning.py").read_text(encoding="utf-8")
 
 
 def test_the_help_of_an_option_states_its_bounds() -> None:
