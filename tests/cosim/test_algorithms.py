@@ -16,7 +16,7 @@ from cosim.engine.algorithms import (
     Stage,
     Turn,
 )
-from tests.cosim import verification as checks
+from tests.cosim.test_verification import require_theory
 from tests.coupling_theory import Ideal, LinearPart, Scheme
 from tests.linear_systems import BENCHMARKS, couple
 
@@ -47,15 +47,6 @@ class Trapezoidal(Algorithm):
         return [tuple(Turn(part) for part in parts)]
 
 
-class Boastful(Algorithm):
-    """Gauss-Seidel that claims order 2."""
-
-    name, summary, held_order = "boastful", "It claims more than it does.", 2
-
-    def stages(self, parts: Sequence[str]) -> list[Stage]:
-        return [(Turn(part),) for part in parts]
-
-
 class HalfIterated(Algorithm):
     """An implicit algorithm of more than one stage."""
 
@@ -65,28 +56,13 @@ class HalfIterated(Algorithm):
         return [(Turn(part),) for part in parts]
 
 
-def verified(fmus: Path, system: str, name: str) -> list[checks.SchemeCheck]:
-    fmu, benchmark = fmus / "LinearSystem.fmu", BENCHMARKS[system]
-    return list(checks.orders(fmu, system, benchmark, name, Scheme(name)))
-
-
 @pytest.mark.parametrize("algorithm", [ReverseSplitting(), Trapezoidal()], ids=lambda a: a.name)
 @pytest.mark.parametrize("system", ["oscillator", "drive"])
-def test_a_registered_algorithm_runs_and_is_predicted_and_verified(
+def test_a_registered_algorithm_runs_as_theory_predicts(
     fmus: Path, monkeypatch: pytest.MonkeyPatch, algorithm: Algorithm, system: str
 ) -> None:
     monkeypatch.setitem(REGISTRY, algorithm.name, algorithm)
-    rows = verified(fmus, system, algorithm.name)
-    assert rows and [row for row in rows if not row.passed] == []
-
-
-def test_an_order_that_an_algorithm_does_not_have_is_noticed(
-    fmus: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(REGISTRY, "boastful", Boastful())
-    states, *_ = verified(fmus, "oscillator", "boastful")
-    assert states.match < checks.SAME and not states.passed
-    assert (states.theory, round(states.measured)) == (2, 1)
+    require_theory(fmus / "LinearSystem.fmu", BENCHMARKS[system], Scheme(algorithm.name))
 
 
 def test_an_unknown_algorithm_is_refused(fmus: Path) -> None:

@@ -150,17 +150,6 @@ def test_discrete_wires_are_delayed_as_they_must(kind: str, algorithm: str, make
         assert result[outputs[part]].tolist() == expected, part
 
 
-def test_integers_and_enumerations_drive_each_other(make: Make) -> None:
-    """FMI hands both over as whole numbers: C hears what it would hear by Integers alone."""
-    parts = {"A": make(counts=True), "B": make(), "C": make()}
-    values = []
-    for kind in ("integer", "enumeration"):
-        wires = [f"A.integer_out -> B.{kind}_in", f"B.{kind}_out -> C.integer_in"]
-        result = run(system(parts, *wires), stop=6 * H, step=H, algorithm="jacobi")
-        values.append(result["C.integer_out"].tolist())
-    assert values[0][3:] == values[1][3:] == [1, 2, 3, 4]
-
-
 @pytest.mark.parametrize("gear", [5, "high"])
 def test_start_values_of_every_type_arrive(gear: Value, make: Make, tmp_path: Path) -> None:
     diary = tmp_path / "ä 100 %.txt"
@@ -397,16 +386,6 @@ def test_a_warning_is_logged_once_and_recorded(
     assert [record.getMessage() for record in caplog.records] == warnings
     assert result.warnings == sorted(warnings)
     assert result.provenance["status"] == "complete"
-
-
-@pytest.mark.parametrize("loop", LOOPS)
-def test_a_warning_without_text_counts(
-    loop: str, make: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("cosim.fmu.messages.MessageLog.on_log", lambda *_: None)
-    parts = {"A": make(warn_at=0.55), "B": make()}
-    result = run(ring(parts), stop=1.0, step=H, algorithm="jacobi", **LOOPS[loop])
-    assert result.warnings == [f"A: doStep(t = {5 * H!r} s, h = 0.1 s) returned Warning"]
 
 
 STEP_RETURNED = r"A: doStep\(t = \S+ s, h = \S+ s\) returned "

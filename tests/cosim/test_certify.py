@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, diagnose, limit, run
+from cosim import Result, System, certify, limit, run
 from cosim.accuracy.trajectories import find_divergence
 from cosim.metrics import (
     Largest,
@@ -290,23 +290,6 @@ def test_a_number_made_after_the_coarser_runs_part_exponentially_holds_or_is_ref
                 worst = max(worst, abs(figure.value - truth[name]) / figure.error)
     assert stated >= 2
     assert worst <= 1.0
-
-
-def test_results_show_themselves_in_a_notebook(fmus: Path) -> None:
-    certified = certify(
-        pair(fmus / "native"),
-        lambda r: {"end <b>": float(r["motor.tau"][-1])},
-        stop=0.1,
-        step=2.5e-4,
-    )
-    text = str(certified.figures["end <b>"])
-    assert str(certified).startswith(f"end <b>  {text.split()[0]} +- ")
-    page = certified._repr_html_()
-    assert "end &lt;b&gt;" in page and text.split()[0] in page and "+-" in page
-    picture: Any = certified.result.plot("motor.tau")
-    assert picture._repr_png_().startswith(b"\x89PNG")
-    diagnosis = diagnose(pair(fmus / "native"), step=1e-3)
-    assert str(diagnosis) == diagnosis.text() and diagnosis._repr_html_().startswith("<p>")
 
 
 @pytest.mark.parametrize(

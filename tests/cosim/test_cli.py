@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -30,19 +29,6 @@ def drive(fmus: Path, tmp_path: Path) -> Path:
     path = tmp_path / "drive.ssp"
     write_ssp(pair(fmus / "native"), path, stop=1.0)
     return path
-
-
-def test_info_lists_what_a_system_consists_of(drive: Path, command_output: CommandOutput) -> None:
-    text = command_output("info", drive)
-    for line in (
-        "motor: DriveMotor, DriveMotor.fmu",
-        "output  conveyor.w [rad/s]: Real, Crank speed",
-        "motor.tau [N.m] -> conveyor.tau [N.m]",
-        "motor.T [s] = 0.0625",
-        "power bonds\n  motor.tau * conveyor.w",
-        "default experiment: 0 to 1 s",
-    ):
-        assert line in text
 
 
 def test_fmus_are_coupled_on_the_command_line(
@@ -83,12 +69,6 @@ def test_run_writes_what_the_api_computes(
     assert (tmp_path / "out.png").exists()
 
 
-def test_step_and_stop_come_from_the_files(
-    drive: Path, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    assert "steps of 0.001 s: 1000 steps" in command_output("run", drive)
-
-
 def test_a_single_fmu_is_run_over_its_default_experiment(
     fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
@@ -100,17 +80,6 @@ def test_a_single_fmu_is_run_over_its_default_experiment(
     assert "200 steps" in command_output("run", rewritten(fmu, tmp_path / "later.fmu", later))
     silent = rewritten(fmu, tmp_path / "silent.fmu", described(("<DefaultExperiment .*?/>", "")))
     assert "silent.fmu states no stop time: give --stop" in command_output("run", silent, code=2)
-
-
-def test_certify_states_errors_and_orders(drive: Path, command_output: CommandOutput) -> None:
-    text = command_output(
-        "run", drive, "--stop", 0.1, "--certify", "--record", "motor.tau,conveyor.a"
-    )
-    (mean,) = [line for line in text.splitlines() if "motor.tau, mean" in line]
-    assert " +- " in mean
-    assert "order 2.0" in mean
-    (rate,) = [line for line in text.splitlines() if "conveyor.a, mean" in line]
-    assert re.search(r" \+- \d\.\d+ rad/s2 +order (0\.9|1\.\d)$", rate)
 
 
 @pytest.mark.parametrize("has_file", [False, True])

@@ -211,18 +211,6 @@ def test_rows_are_labelled_with_the_time_of_their_values(fmus: Path) -> None:
     assert result.units == {"time": "s", "conveyor.phi": "rad", "conveyor.x": "m"}
 
 
-def test_order_follows_the_wires_or_the_user(fmus: Path) -> None:
-    conveyor_first = {"conveyor": fmus / "CrankConveyor.fmu", "motor": fmus / "DriveMotor.fmu"}
-    chain = System(conveyor_first, WIRES[:1], {"motor.w": 40.0})
-    loop = System(conveyor_first, WIRES)
-    settings: dict[str, Any] = {"stop": 0.01, "step": 1e-3, "algorithm": "gauss-seidel"}
-    assert run(chain, **settings).provenance["order"] == ["motor", "conveyor"]
-    assert run(loop, **settings).provenance["order"] == ["conveyor", "motor"]
-    result = run(loop, order=["motor", "conveyor"], **settings)
-    assert result.provenance["order"] == ["motor", "conveyor"]
-    assert not np.array_equal(result.data, run(loop, **settings).data)
-
-
 def test_wires_scale_and_shift(fmus: Path) -> None:
     """tau_static = A - B w tells what the motor hears."""
     wires = ["motor.tau -> conveyor.tau", "conveyor.w * 0.5 - 1.5e0 -> motor.w"]

@@ -153,16 +153,6 @@ def test_units_are_converted(fmus: Path) -> None:
             run(motor(fmus, table), stop=1.0, step=0.01)
 
 
-def test_a_frame_and_a_file_give_the_same_rows(fmus: Path, tmp_path: Path) -> None:
-    frame = pd.DataFrame({"time": RAMP.t, "speed": RAMP["w"]})
-    frame.rename(columns={"speed": "speed [rad/s]"}).to_csv(tmp_path / "w.csv", index=False)
-    tables = [Series.of(frame), Series.read(tmp_path / "w.csv", "speed")]
-    first, second = (run(motor(fmus, table), stop=1.0, step=0.01) for table in tables)
-    assert_array_equal(first.data, second.data)
-    plain, from_file = (result.provenance["inputs"]["motor.w"] for result in (first, second))
-    assert from_file == plain | {"source": "w.csv, column speed", "rows": 4, "held": False}
-
-
 def echo(tmp_path: Path, **more: Any) -> System:
     """x' = -x + u from x = 1, which shows what it hears, and whose rate is tunable."""
     capabilities = more.pop("capabilities", {})

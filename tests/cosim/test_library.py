@@ -12,7 +12,6 @@ import sys
 import threading
 from pathlib import Path
 from textwrap import dedent
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -174,21 +173,6 @@ def test_nothing_is_left_behind(
         assert {len(row) for row in rows} == {len(rows[0])}
         assert (facts["status"], facts["reached"]) == ("interrupted", float(rows[-1][0]))
     assert list(scratch.iterdir()) == []
-
-
-def test_the_wrapper_of_python_fmus_lets_go_before_it_is_unloaded(
-    echo: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Without that it frees its memory twice when the process ends, and now and then crashes it."""
-    run(System({"a": echo}, start={"a.u": 1.0}), stop=0.01, step=0.01)
-    library, calls = LOADED[echo], []
-    assert hasattr(library.free, "finalizePythonInterpreter")
-    free = library._slave.freeLibrary
-    wrapper = SimpleNamespace(finalizePythonInterpreter=lambda: calls.append("let go"))
-    monkeypatch.setattr(library, "free", wrapper)
-    monkeypatch.setattr(library._slave, "freeLibrary", lambda: (calls.append("unloaded"), free()))
-    library.forget()
-    assert calls == ["let go", "unloaded"]
 
 
 def test_an_isolated_run_keeps_nothing(fmus: Path, tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from benchmarks.certify import judged, nonlinear_cases, uniform_sampler
 from benchmarks.certify_cases import synthetic_cases
@@ -325,15 +324,6 @@ def test_metrics_know_their_units() -> None:
     assert StrongestOrder("x", over="phi").unit("N") == ""
 
 
-def test_words_tell_metrics_apart() -> None:
-    stretch = Crossing("a.b", level=3, begin=2.0, end=3.0)
-    assert str(stretch) == "crossing of a.b from 2 to 3 s, level 3"
-    turn = Largest(TurnMean("w", over="phi"), end=1.0)
-    assert str(turn) == "largest of the mean of w over a turn of phi to 1 s"
-    last = LastTurn(Swing("w", begin=1.0), over="phi", turns=2)
-    assert str(last) == "last turn of swing of w from 1 s, over phi, turns 2"
-
-
 @pytest.mark.parametrize(
     ("metric", "message"),
     [
@@ -355,24 +345,6 @@ def test_a_metric_that_the_run_cannot_have_is_refused_before_it(
     if "no column" in message:
         assert "motor.tau" in str(refused.value)
     certify(system, {"f": Largest("motor.tau")}, stop=0.1, step=1e-3, runner=run)
-
-
-def test_curves_of_one_time_axis_are_those_of_each_column() -> None:
-    """With impacts between rows, a jump, and a break, each at its own place in every column."""
-    rng = np.random.default_rng(5)
-    t = np.insert(np.linspace(0.0, 1.0, 61), 30, 29 / 60)
-    knees = rng.uniform(0.1, 0.9, (8, 1))
-    x = np.sin(rng.uniform(3.0, 9.0, (8, 1)) * t) + 3.0 * np.abs(t - knees)
-    x[:, 30:] += rng.normal(size=(8, 1))
-    breaks = np.array([[29 / 60, 29 / 60], [0.701, 0.731]])
-    together = Curves(t, x, breaks=breaks)
-    metrics = [Largest("x"), Swing("x"), TimeOfLargest("x"), Mean("x", begin=0.2, end=0.33),
-               Integral("x"), Harmonic("x", frequency=2.5), Crossing("x", level=1.0)]  # fmt: skip
-    for side in dense.Side:
-        for metric in metrics:
-            apart = [metric(Curves(t, row[None], breaks=breaks).filled(side)) for row in x]
-            assert_allclose(metric(together.filled(side)), np.concatenate(apart), rtol=1e-12)
-    assert together.gaps.sum() > 8 * 2
 
 
 def test_a_function_that_weighs_rows_and_not_time_has_that_in_its_error() -> None:

@@ -7,9 +7,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -24,7 +22,6 @@ from components.drive_motor import model as drive_motor
 from components.unbalance_exciter import model as unbalance_exciter
 from cosim import SetupError, System, oracle, referee, run, write_ssp
 from cosim.accuracy.limit import Reason, limit
-from cosim.accuracy.referee import search as causes_by_runs
 from cosim.accuracy.referee import solution
 from cosim.accuracy.referee.conversions import units_of
 from cosim.accuracy.referee.signals import Verdict
@@ -32,9 +29,8 @@ from cosim.accuracy.referee.table import read_foreign
 from cosim.accuracy.referee.variants import variants
 from cosim.fmu.reference_rows import ReferenceRows
 from cosim.system import Port, connect
-from fmukit.declare.record import declarations
 from tests.cosim.conftest import CommandOutput
-from tests.oracle import monolithic, part
+from tests.oracle import Part, monolithic, part
 
 DRIVE_START = {
     "conveyor.phi": 0.3,
@@ -132,7 +128,6 @@ def coupled(
 CHANGED = {"changes": ["0.1 controller.w_ref = 140"]}
 MISTAKES = {
     "Jacobi": Mistake(drive, coupled("jacobi", 1e-3), "held inputs", "0.001 s"),
-    "Jacobi in a chain": Mistake(chain, coupled("jacobi", 5e-4, 0.3), "held inputs", "0.0005 s"),
     "Gauss-Seidel": Mistake(
         drive, coupled("gauss-seidel", 2e-3, order=["conveyor", "motor"]), "step too long", "conveyor, motor"
     ),
@@ -149,10 +144,6 @@ MISTAKES = {
         chain, lambda s: exact(rewired(s, "motor.tau -> gear.tau_a", "motor.tau * 9.80665 -> gear.tau_a"), 0.1),
         "lost factor", "brings 9.80665 times its source: N for kgf?",
     ),
-    "wire by another factor": Mistake(
-        drive, lambda s: exact(rewired(s, "motor.tau -> conveyor.tau", "motor.tau * 0.93 -> conveyor.tau"), 0.3),
-        "lost factor", "the factor of the wire from motor.tau to conveyor.tau seems to be 0.93, not 1",
-    ),
     "opposite sign": Mistake(
         drive, lambda s: exact(s, 0.3).assign(**{"motor.tau": lambda f: -f["motor.tau"]}), "sign", "motor.tau",
     ),
@@ -166,14 +157,8 @@ MISTAKES = {
     "lost parameter": Mistake(
         drive, lambda s: exact(without(s, "motor.T"), 0.3), "lost start value", "motor.T"
     ),
-    "lost state": Mistake(
-        drive, lambda s: exact(without(s, "conveyor.phi"), 0.3), "lost start value", "conveyor.phi"
-    ),
     "lost parameter set": Mistake(
         drive, lambda s: exact(replace(s, start={}), 0.3), "lost start value", "all start values"
-    ),
-    "lost parameter in a chain": Mistake(
-        chain, lambda s: exact(without(s, "controller.T_i"), 0.3), "lost start value", "controller.T_i"
     ),
     "lost factor": Mistake(
         chain, lambda s: exact(rewired(s, CHAIN_WIRES[0], "controller.tau => motor.v"), 0.3), "lost factor",
@@ -185,10 +170,6 @@ MISTAKES = {
             rewired(rewired(s, "motor.tau -> gear.tau_a", "shaft.tau_a -> gear.tau_a"),
                     "shaft.tau_a -> gear.tau_b", "motor.tau -> gear.tau_b"), 0.2),
         "wires crossed", "gear.tau_a",
-    ),
-    "wire of the opposite sign": Mistake(
-        chain, lambda s: exact(rewired(s, CHAIN_WIRES[0], "controller.tau * -2.5 => motor.v"), 0.3),
-        "lost factor", "opposite sign",
     ),
     "lost wire": Mistake(
         chain,
@@ -215,10 +196,8 @@ MISTAKES = {
 
 #: those whose causes take long to tell apart, or whose kind another one has
 SLOW = {
-    "wire by another factor",
-    "Jacobi in a chain", "Strang with long steps", "wire by a wrong conversion", "lost state",
-    "lost parameter set", "lost parameter in a chain", "lost factor", "wire of the opposite sign",
-    "missed change", "lost parameter and Jacobi",
+    "Strang with long steps", "wire by a wrong conversion", "lost parameter set", "lost factor", "missed change",
+    "lost parameter and Jacobi",
 }  # fmt: skip
 
 
@@ -243,7 +222,7 @@ def independent(stop: float, rows: int) -> pd.DataFrame:
     return pd.DataFrame({"time": t, "conveyor.phi": phi, "conveyor.w": w, "motor.tau": tau})
 
 
-@pytest.mark.parametrize("rows", [61, 301, 997])
+@pytest.mark.parametrize("rows", [61, 997])
 def test_an_independent_solution_agrees(native: Path, rows: int) -> None:
     """Its rows need not be where those of any master are."""
     report = referee(drive(native), independent(0.3, rows))
@@ -253,8 +232,9 @@ def test_an_independent_solution_agrees(native: Path, rows: int) -> None:
         assert signal.deviation <= signal.error + 1e-7 * signal.scale
 
 
-@pytest.mark.parametrize("step", [5e-4, 1e-3, 2e-3])
-@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
+@pytest.mark.parametrize(
+    ("algorithm", "step"), [("jacobi", 5e-4), ("gauss-seidel", 2e-3), ("strang", 1e-3)]
+)
 def test_deviations_are_those_from_an_independent_solution(
     native: Path, algorithm: str, step: float
 ) -> None:
@@ -277,8 +257,7 @@ CORRECT: dict[str, tuple[Callable[[Path], System], float]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("step", [5e-4, 1e-3, 2.5e-3, 1e-2])
-@pytest.mark.parametrize("digits", [6, 9, pytest.param(17, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("digits", "step"), [(6, 5e-4), (9, 1e-2), (6, 2.5e-3)])
 @pytest.mark.parametrize("name", CORRECT)
 def test_a_correct_result_is_not_blamed(native: Path, name: str, digits: int, step: float) -> None:
     """Whatever its step between rows, and with as few digits as masters print."""
@@ -309,13 +288,14 @@ def test_noise_has_no_cause(native: Path, amount: float, seed: int) -> None:
     assert "cause not found" in report.sentence()
 
 
-HEADINGS: dict[str, Callable[[str], str]] = {
-    "OMSimulator": "model.root.{}".format,
-    "Ecos": lambda name: f"{name.replace('.', '::', 1)}[REAL]",
-    "MasterSim": "{} [-]".format,
-    "Simulink": lambda name: name.replace(".", "_"),
-    "bare": lambda name: name.partition(".")[2],
-    "libcosim": lambda name: f"{name.partition('.')[2]} [7 real output]",
+#: What masters write: first line, heading of the times, headings of the columns, separator.
+HEADINGS: dict[str, tuple[str, str, Callable[[str, str], str], str]] = {
+    "OMSimulator": ('"sep=,"\n', "time", lambda name, _: f"model.root.{name}", ","),
+    "Ecos": ("", "iterations,time", lambda name, _: f"{name.replace('.', '::', 1)}[REAL]", ","),
+    "MasterSim": ("", "time [s]", lambda name, unit: f"{name} [{unit}]", "\t"),
+    "Simulink": ("", "time", lambda name, _: name.replace(".", "_"), ","),
+    "bare": ("", "time", lambda name, _: name.partition(".")[2], ","),
+    "libcosim": ("", "time", lambda name, _: f"{name.partition('.')[2]} [7 real output]", ","),
 }
 
 
@@ -324,12 +304,10 @@ def rows_of_a_master(fmu: Path, stop: float) -> pd.DataFrame:
     return run(System({"unit": fmu}), stop=stop, step=1e-3).frame
 
 
-@pytest.mark.parametrize("path", ["GravityOrientator.fmu", "native/GravityOrientator.fmu"])
-def test_a_default_experiment_is_judged_by_the_results_that_the_fmu_carries(
-    fmus: Path, path: str
-) -> None:
-    system = System({"unit": fmus / path})
-    frame = rows_of_a_master(fmus / path, 0.3)
+def test_a_default_experiment_is_judged_by_the_results_that_the_fmu_carries(native: Path) -> None:
+    fmu = native / "GravityOrientator.fmu"
+    system = System({"unit": fmu})
+    frame = rows_of_a_master(fmu, 0.3)
     report = referee(system, frame)
     assert report.verdict is Verdict.AGREES, report.text()
     assert "GravityOrientator.fmu carries" in report.method
@@ -405,20 +383,15 @@ def test_damaged_reference_rows_are_passed_over(native: Path, tmp_path: Path, da
 def test_columns_are_recognised_by_the_names_that_masters_write(
     native: Path, tmp_path: Path, master: str
 ) -> None:
+    first, time, heading, separator = HEADINGS[master]
     frame = independent(0.1, 101)
-    names = {name: HEADINGS[master](name) for name in frame.columns[1:]}
-    if master == "MasterSim":
-        units = {"conveyor.phi": "rad", "conveyor.w": "rad/s", "motor.tau": "N.m"}
-        names = {name: f"{name} [{units[name]}]" for name in names}
-    path = tmp_path / "result.csv"
-    frame = frame.rename(columns=names)
+    names = {"conveyor.phi": "rad", "conveyor.w": "rad/s", "motor.tau": "N.m"}
+    header = separator.join([time, *(heading(name, unit) for name, unit in names.items())])
     if master == "Ecos":
         frame.insert(0, "iterations", range(101))
-    frame.to_csv(path, index=False, sep="\t" if master == "MasterSim" else ",")
-    if master == "MasterSim":
-        path.write_text(path.read_text().replace("time", "time [s]", 1))
-    if master == "OMSimulator":
-        path.write_text('"sep=,"\n' + path.read_text())
+    path = tmp_path / "result.csv"
+    rows = frame.to_csv(index=False, header=False, sep=separator)
+    path.write_text(f"{first}{header}\n{rows}")
     report = referee(drive(native), path)
     assert {signal.name for signal in report.signals} == {*names}
     assert report.verdict is Verdict.AGREES
@@ -447,20 +420,6 @@ def test_a_temperature_in_the_other_unit_is_off_by_273_15(
         assert {said.format(x): x for x in (273.15, -273.15)}.items() <= shifts.items()
 
 
-def test_euler_is_tried_with_all_steps_up_to_a_row_in_a_table_of_few_rows(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    tried: list[float] = []
-    monkeypatch.setattr(causes_by_runs, "by_method", lambda *how: tried.append(how[3]))
-    request = SimpleNamespace(output_step=lambda: 0.1, step=None, start=0.0, stop=0.3)
-    search: Any = SimpleNamespace(
-        request=request, network=SimpleNamespace(system=None), is_over=False, cause=lambda *_: None
-    )
-    search.steps = partial(causes_by_runs.CauseSearch.steps, search)
-    assert not list(causes_by_runs._whole_system_euler_causes(search))
-    assert {*tried} == {0.1 / n for n in causes_by_runs.STEPS_PER_ROW}
-
-
 def test_runs_whose_error_cannot_be_stated_bound_nothing(
     native: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -487,60 +446,54 @@ def exciter(native: Path, **changes: Any) -> System:
 
 
 class Alone(NamedTuple):
-    """A system, and what it is as one differential equation without any FMU: models, speed and torque between them."""
+    """A system, and what it is as one differential equation without any FMU: a motor, and the machine that it turns."""
 
-    system: Callable[..., System]
-    motor: Any
-    machine: Any
-    start: dict[str, float]
+    system: Callable[[Path], System]
+    motor: Part
+    machine: Part
 
     def columns(self) -> list[str]:
         """The states, the motor's first."""
-        names = list(self.system(Path()).parts)
-        return [
-            f"{name}.{state}"
-            for name, model in zip(names, (self.motor, self.machine))
-            for state, _ in declarations(model.State)
-        ]
+        parts = zip(self.system(Path()).parts, (self.motor, self.machine))
+        return [f"{name}.{state}" for name, part in parts for state in part.x._fields]
 
-    def rates(self) -> tuple[Any, Callable[[Any, Any], Any]]:
-        """The states at the start, and their rates where the motor has another view of them."""
-        parts = []
-        for name, model in zip(self.system(Path()).parts, (self.motor, self.machine)):
-            values = {
-                k.partition(".")[2]: v for k, v in self.start.items() if k.startswith(f"{name}.")
-            }
-            parts.append(part(model, **values))
-        motor, machine = parts
-        w = 1 + [name for name, _ in declarations(self.machine.State)].index("w")
+    def rates(self, x: Any, seen: Any) -> Any:
+        """The rates of the states x, where the motor hears the speed of other ones."""
+        motor, machine = self.motor, self.machine
+        state = motor.x._make(x[:1])
+        u = motor.u._replace(w=seen[1 + machine.x._fields.index("w")])
+        tau = {**state._asdict(), **motor.model.outputs(motor.p, 0.0, state, u)._asdict()}["tau"]
+        own = motor.model.derivatives(motor.p, 0.0, state, u)
+        others = machine.model.derivatives(
+            machine.p, 0.0, machine.x._make(x[1:]), machine.u._make([tau])
+        )
+        return np.array([*own, *others])
 
-        def rates(x: Any, seen: Any) -> Any:
-            state = self.motor.State(x[0])
-            inputs = motor.u._replace(w=(x if seen is None else seen)[w])
-            known = {**state._asdict(), **self.motor.outputs(motor.p, 0.0, state, inputs)._asdict()}
-            torque = known["tau"]
-            of_motor = self.motor.derivatives(motor.p, 0.0, state, inputs)
-            of_machine = self.machine.derivatives(
-                machine.p, 0.0, self.machine.State(*x[1:]), self.machine.Inputs(torque)
-            )
-            return np.array([*of_motor, *of_machine])
 
-        return np.array([*motor.x, *machine.x]), rates
+def alone(system: Callable[[Path], System], *models: Any) -> Alone:
+    """The system by these models, at its start values."""
+    at = system(Path())
+    parts = []
+    for name, model in zip(at.parts, models):
+        values = {k.partition(".")[2]: v for k, v in at.start.items() if k.startswith(f"{name}.")}
+        parts.append(part(model, **values))
+    return Alone(system, *parts)
 
 
 ALONE = {
-    "drive": Alone(drive, drive_motor, crank_conveyor, DRIVE_START),
-    "exciter": Alone(exciter, DC_motor, unbalance_exciter, EXCITER_START),
+    "drive": alone(drive, drive_motor, crank_conveyor),
+    "exciter": alone(exciter, DC_motor, unbalance_exciter),
 }
 
 
-def stepped(name: str, method: str, h: float, stop: float, late: int = 0) -> pd.DataFrame:
+def stepped(name: str, method: str, h: float, stop: float, late: int = 1) -> pd.DataFrame:
     """A system stepped as a whole, where one part sees the other some steps late."""
-    x, rates = ALONE[name].rates()
+    alone = ALONE[name]
+    x, rates = np.array([*alone.motor.x, *alone.machine.x]), alone.rates
     past = [x]
     for _ in range(round(stop / h)):
         seen = past[max(0, len(past) - 1 - late)]
-        next_seen = past[max(0, len(past) - late)] if late else seen
+        next_seen = past[max(0, len(past) - late)]
         if method == "explicit":
             x = x + h * rates(x, x)
         elif method == "implicit":
@@ -549,20 +502,25 @@ def stepped(name: str, method: str, h: float, stop: float, late: int = 0) -> pd.
                 y = x + h * rates(y, y)
             x = y
         else:
-            views = [seen, 0.5 * (seen + next_seen), next_seen] if late else [None] * 3
-            k1 = rates(x, views[0])
-            k2 = rates(x + 0.5 * h * k1, views[1])
-            k3 = rates(x + 0.5 * h * k2, views[1])
-            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(x + h * k3, views[2]))
+            k1 = rates(x, seen)
+            k2 = rates(x + 0.5 * h * k1, 0.5 * (seen + next_seen))
+            k3 = rates(x + 0.5 * h * k2, 0.5 * (seen + next_seen))
+            x = x + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + rates(x + h * k3, next_seen))
         past.append(x)
-    frame = pd.DataFrame(np.array(past), columns=ALONE[name].columns())
+    frame = pd.DataFrame(np.array(past), columns=alone.columns())
     frame.insert(0, "time", h * np.arange(len(frame)))
     return frame
 
 
-@pytest.mark.parametrize(("name", "stop"), [("drive", 0.3), ("exciter", 0.6)])
-@pytest.mark.parametrize("method", ["explicit", "implicit"])
-@pytest.mark.parametrize("per_row", [1, 4])
+@pytest.mark.parametrize(
+    ("name", "stop", "method", "per_row"),
+    [
+        ("drive", 0.3, "explicit", 1),
+        ("drive", 0.3, "implicit", 4),
+        ("exciter", 0.6, "explicit", 4),
+        ("exciter", 0.6, "implicit", 1),
+    ],
+)
 def test_eulers_method_over_a_whole_system_is_named(
     native: Path, name: str, stop: float, method: str, per_row: int
 ) -> None:
@@ -681,6 +639,9 @@ def test_impossible_requests_are_refused(
     system = drive(native)
     with pytest.raises(SetupError, match="tolerance"):
         referee(system, independent(0.1, 11), tolerance=1.5)
+    for setting in ("step", "timeout"):
+        with pytest.raises(SetupError, match=f"{setting} = -1.0 s must be above 0"):
+            referee(system, independent(0.1, 11), **{setting: -1.0})
     with pytest.raises(SetupError, match="cannot be judged in kg"):
         referee(system, independent(0.1, 11).rename(columns={"conveyor.w": "conveyor.w [kg]"}))
     result = oracle(system, stop=0.1, output_step=1e-2, tolerance=1e-10)
@@ -723,8 +684,7 @@ def test_a_column_of_zeros_is_in_no_other_unit(native: Path) -> None:
     assert report.causes == (), report.text()
 
 
-@pytest.mark.parametrize("fill", [math.nan, math.inf, "none"])
-@pytest.mark.parametrize("rows", ["one", "all"])
+@pytest.mark.parametrize(("fill", "rows"), [(math.nan, "all"), (math.inf, "one"), ("none", "one")])
 def test_a_column_without_numbers_is_no_column_that_agrees(
     native: Path, tmp_path: Path, fill: float | str, rows: str
 ) -> None:
@@ -762,9 +722,3 @@ def test_what_is_no_result_is_refused_in_a_single_line(
         referee(drive(native), path)
     assert "\n" not in str(refusal.value)
     assert name in str(refusal.value) or "motor.tau" in str(refusal.value)
-
-
-@pytest.mark.parametrize("setting", ["step", "timeout"])
-def test_times_of_settings_must_be_above_0(native: Path, setting: str) -> None:
-    with pytest.raises(SetupError, match=f"{setting} = -1.0 s must be above 0"):
-        referee(drive(native), exact(drive(native), 0.01), **{setting: -1.0})
