@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
+from ..engine.algorithms import ALGORITHMS
 from ..errors import RunError, SetupError
 from ..names import meant
 from ..signals import handle_stop_signals
@@ -48,31 +49,11 @@ class Parser(argparse.ArgumentParser):
             message += meant(choice["wrong"], re.findall(r"[\w-]+", choice["names"]))
         raise SetupError(message)
 
-    def path(self, name: str, text: str, **more: Any) -> None:
-        """An option that is a file."""
-        self.add_argument(name, type=Path, help=text, **{"metavar": "FILE"} | more)
-
-    def number(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
-        """An option that is a number."""
-        arguments: dict[str, Any] = {
-            "type": parse_number,
-            "metavar": "NUMBER",
-            "default": default,
-        } | more
-        self.add_argument(name, help=text, **arguments)
-
-    def whole(self, name: str, text: str, least: int, **more: Any) -> None:
-        """An option that is a whole number."""
-        arguments: dict[str, Any] = {"type": partial(parse_whole, least), "metavar": "N"} | more
-        self.add_argument(name, help=text, **arguments)
-
-    def time(self, name: str, text: str, default: float | None = None, **more: Any) -> None:
-        """An option that is a time [s]."""
-        self.number(name, text, default, **{"type": parse_time, "metavar": "TIME"} | more)
-
-    def several(self, name: str, text: str, **more: Any) -> None:
-        """An option that may be given again."""
-        self.add_argument(name, action="append", default=[], help=text, **more)
+    def take(self, *names: str, **changes: Any) -> None:
+        """Add options of the table by their names, with what is different in this command."""
+        for name in names:
+            form, text = OPTIONS[name]
+            self.add_argument(name, *FORMER_NAMES.get(name, ()), **form | {"help": text} | changes)
 
 
 def parse_number(text: str) -> float:
@@ -121,6 +102,87 @@ class StartAction(argparse.Action):
             setattr(options, self.dest, parse_time(text))
         except argparse.ArgumentTypeError as error:
             raise argparse.ArgumentError(self, str(error)) from None
+
+
+class FormerNameAction(argparse.Action):
+    """Keeps a value, and tells what the option is called whose former name was given."""
+
+    def __call__(self, parser: Any, options: Any, value: Any, name: str | None = None) -> None:
+        """Keep what is given."""
+        if name != self.option_strings[0]:
+            print(
+                f"warning: {name} is called {self.option_strings[0]}: write that", file=sys.stderr
+            )
+        setattr(options, self.dest, value)
+
+
+def name_list(text: str) -> list[str]:
+    """Split "a,b" into names; commas in brackets, as in A[2,1], belong to the name."""
+    return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]
+
+
+def _whole_from(least: int, **more: Any) -> dict[str, Any]:
+    return {"type": partial(parse_whole, least), "metavar": "N"} | more
+
+
+NUMBER: dict[str, Any] = {"type": parse_number, "metavar": "NUMBER"}
+TIME: dict[str, Any] = {"type": parse_time, "metavar": "TIME"}
+PATH: dict[str, Any] = {"type": Path, "metavar": "FILE"}
+LIST: dict[str, Any] = {"type": name_list, "metavar": "LIST"}
+FLAG: dict[str, Any] = {"action": "store_true"}
+SEVERAL: dict[str, Any] = {"action": "append", "default": []}
+ASSIGNED = SEVERAL | {"metavar": "NAME=VALUE"}
+#: The options of all commands: each means one thing, and what it is of may differ.
+OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
+    "--wire": (SEVERAL | {"metavar": "WIRE"}, "wire: 'motor.tau -> pump.tau', or 'motor.flange -- pump.flange' between terminals"),
+    "--parameters": (PATH, "start values: an .ssv, or a .csv with the columns name, value and unit"),
+    "--set": (ASSIGNED | {"dest": "start_values"}, "start value of a parameter or input, with a unit if needed: motor.T=5ms"),
+    "--from": (TIME | {"dest": "start"}, "start time [s] (default: that of the file)"),
+    "--start": ({"action": StartAction, "metavar": "NAME=VALUE", "default": argparse.SUPPRESS}, "start value, as with --set (repeatable)"),
+    "--strict": (FLAG, "refuse an FMU whose model description is not valid"),
+    "--stop": (TIME, "stop time [s] (default: that of the file)"),
+    "--step": (TIME, "communication step [s] (default: that of the file, or the one that the FMUs prefer)"),
+    "--adaptive": (NUMBER | {"metavar": "TOLERANCE"}, "choose the steps so that the coupling error stays within this tolerance"),
+    "--algorithm": ({"choices": ALGORITHMS, "default": "strang"}, "coupling algorithm"),
+    "--order": (LIST, "sequence in which the parts step: a,b,c"),
+    "--input-order": (_whole_from(0, default=0), "polynomial order of inputs within a step"),
+    "--substeps": (SEVERAL | {"metavar": "PART=N"}, "substeps of a part within a communication step"),
+    "--fmu-tolerance": (NUMBER | {"action": FormerNameAction, "dest": "tolerance"}, "relative tolerance passed to the FMUs (default: the one that each FMU states)"),
+    "--stop-time-defined": (FLAG, "pass the stop time to all FMUs before the start (default: only to those that need it)"),
+    "--input": (PATH, "file of inputs over time, with a column of times [s]"),
+    "--map": (SEVERAL | {"metavar": "NAME=COLUMN"}, "input and the column of --input that drives it; NAME=>COLUMN converts no unit (default: columns that are named like inputs)"),
+    "--held": (FLAG, "hold the values of --input until the next row instead of interpolating"),
+    "--at": (SEVERAL | {"metavar": "'TIME NAME=VALUE'"}, "change of a value during the run"),
+    "--record": (LIST, "columns to record: motor.tau,conveyor.w (default: all outputs)"),
+    "--output-step": (TIME, "time between rows [s] (default: a row at every step)"),
+    "--out": (PATH, ".csv or .parquet file; a JSON file next to it gives units and provenance"),
+    "--plot": (PATH, "image file with a plot of all columns"),
+    "--timeout": (TIME | {"default": math.inf}, "longest wall-clock time of a step [s] (default: no limit)"),
+    "--certify": (FLAG, "also run with other steps, and a tenth of the FMUs' tolerance, and state the error of every figure (exit status 3 if of none)"),
+    "--part": ({"metavar": "NAME"}, "write only this part's columns, under their bare names"),
+    "--standard": (FLAG, "check the file against the SSP standard instead, clause by clause"),
+    "--vary": (SEVERAL | {"metavar": "NAME=VALUES"}, "values from run to run, NAME=from:to:n or NAME=a,b,c, with units if needed; all combinations of several"),
+    "--together": (FLAG, "vary several names row by row, not in all combinations"),
+    "--table": (PATH, "cases: a .csv whose header names start values, one row per run"),
+    "--sample": (_whole_from(1), "draw this many cases from the space within --within"),
+    "--within": (SEVERAL | {"metavar": "NAME=a..b"}, "bounds of a start value for --sample"),
+    "--seed": (_whole_from(0, default=0), "seed of --sample"),
+    "--figure": (SEVERAL | {"metavar": "KIND:COLUMN"}, "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"),
+    "--jobs": (_whole_from(1), "runs at a time"),
+    "--to": ({}, "ssp, osp (a folder for libcosim), or container (one FMU) (default: as --out ends)"),
+    "--value": (NUMBER, "half the height of the band, as a share of the reference's range"),
+    "--time": (NUMBER, "half the width of the band [s] (default: 0.002 of the time compared)"),
+    "--error": (ASSIGNED, "error of a column, in the reference's unit or with its own, as in 7.3rpm"),
+    "--gap": (NUMBER | {"default": math.inf}, "skip gaps longer than this between rows of the reference [s] (default: no limit)"),
+    "--allowed": (NUMBER | {"action": FormerNameAction, "dest": "tolerance"}, "allowed difference, as a share of the range of a signal"),
+    "--result": (PATH, ".csv, .parquet, or .mat file of a Modelica tool"),
+    "--scoreboard": (PATH | {"metavar": "FOLDER"}, "judge the results of many masters, FOLDER/results/MASTER/SYSTEM_1ms.csv, on the reference systems in FOLDER"),
+    "--method": ({}, "integrator; Radau and LSODA are for stiff systems"),
+    "--share": (NUMBER | {"default": 0.05}, "artificial damping allowed, as a share of the real damping"),
+    "--settle": (TIME | {"default": 0.0}, "time [s] to settle before the measurement"),
+}  # fmt: skip
+#: What options were called before; a word tells it. --tolerance is that of a parameter in other commands.
+FORMER_NAMES = dict.fromkeys(("--fmu-tolerance", "--allowed"), ("--tolerance",))
 
 
 def exit_code(action: Callable[[], int]) -> int:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from .. import describe
-from ..engine.algorithms import ALGORITHMS
 from ..engine.control import Adaptive
 from ..engine.settings import RunSettings
 from ..errors import SetupError
@@ -32,16 +29,16 @@ from ..system import (
     require_cosimulation,
     value_of_text,
 )
-from .options import Parser, StartAction, assignment, parse_time
+from .options import OPTIONS, Parser, assignment
 from .output import require_separate_files
 
-#: The longest step as a fraction of a run: derived from 1 + the rounding of a difference of times.
-MAX_STEP_FRACTION = 1.0 + 1e-9
 #: The time [s] of a check where nothing states a stop: a convention of FMI, whose default experiment lasts 1 s.
 CHECKED_TIME = 1.0
 #: Commas in a name of --record, outside of brackets, at most. A convention: names of FMI may have any.
 MOST_COMMAS = 8
-FIELDS = {field.name for field in fields(RunSettings)}
+#: The options of settings that are not called like them; that of the start is one of the system.
+SETTING_OPTIONS = {"tolerance": "--fmu-tolerance", "start": ""}
+FIELDS = [field.name for field in fields(RunSettings)]
 
 
 @dataclass(frozen=True)
@@ -125,9 +122,6 @@ class SystemFile:
             step = stop - start
         else:
             step = self.step(options.step)
-        if options.step is not None and start < stop < start + options.step / MAX_STEP_FRACTION:
-            span = f"the time from start to stop, {stop - start!r} s"
-            raise SetupError(f"step = {options.step!r} s must be at most {span}")
         if not isinstance(step, Adaptive) and options.step is None and start < stop:
             step = min(step, stop - start)
         requested = {k: value for k, value in vars(options).items() if k in FIELDS}
@@ -255,11 +249,6 @@ def _agreed(times: set[float | None]) -> float | None:
     return stated.pop() if len(stated) == 1 else None
 
 
-def name_list(text: str) -> list[str]:
-    """Split "a,b" into names; commas in brackets, as in A[2,1], belong to the name."""
-    return [name.strip() for name in re.split(r",(?![^\[]*\])", text) if name.strip()]
-
-
 def recorded_names(network: Network, texts: Sequence[str]) -> list[str]:
     """The names of --record; pieces with a comma between them that are one name of a variable belong together."""
     known = {*network.system.connectors}
@@ -290,58 +279,20 @@ def add_system_options(parser: Parser, *, is_timed: bool = False, needs_file: bo
         f".ssp, .ssd, {FILE}, a folder that contains one, or FMUs: a.fmu, or motor=a.fmu pump=b.fmu"
     )
     parser.add_argument("files", help=text, metavar="file", nargs="+" if needs_file else "*")
-    text = "wire: 'motor.tau -> pump.tau', or 'motor.flange -- pump.flange' between terminals"
-    parser.several("--wire", text, metavar="WIRE")
-    text = "start values: an .ssv, or a .csv with the columns name, value and unit"
-    parser.path("--parameters", text)
-    text = "start value of a parameter or input, with a unit if needed: motor.T=5ms"
-    parser.several("--set", text, dest="start_values", metavar="NAME=VALUE")
-    text = "start value, as with --set (repeatable)"
+    parser.take("--wire", "--parameters", "--set")
     if is_timed:
-        text += "; or start time [s], as with --from"
-        parser.time("--from", "start time [s] (default: that of the file)", dest="start")
-    parser.add_argument(
-        "--start", help=text, action=StartAction,
-        metavar="NAME=VALUE", default=None if is_timed else argparse.SUPPRESS,
-    )  # fmt: skip
-    text = "refuse an FMU whose model description is not valid"
-    parser.add_argument("--strict", action="store_true", help=text)
-
-
-def add_shared_options(parser: Parser, *options: str) -> None:
-    """Add options that several commands have, by their names."""
-    arguments: dict[str, dict[str, Any]] = {
-        "--stop": {"type": parse_time, "metavar": "TIME", "help": "stop time [s] (default: that of the file)"},
-        "--step": {"type": parse_time, "metavar": "TIME", "help": "communication step [s] (default: that of the file, or the one that the FMUs prefer)"},
-        "--algorithm": {"choices": ALGORITHMS, "default": "strang", "help": "coupling algorithm"},
-        "--record": {"type": name_list, "metavar": "LIST", "help": "columns to record: motor.tau,conveyor.w (default: all outputs)"},
-    }  # fmt: skip
-    for option in options:
-        parser.add_argument(option, **arguments[option])
+        parser.take("--from")
+        also = f"{OPTIONS['--start'][1]}; or start time [s], as with --from"
+        parser.take("--start", default=None, help=also)
+    else:
+        parser.take("--start")
+    parser.take("--strict")
 
 
 def add_stepping_options(parser: Parser, *, records: bool = True) -> None:
-    """Add the options of how a system is stepped, and if it `records` what."""
-    add_shared_options(parser, "--stop", "--step")
-    text = "choose the steps so that the coupling error stays within this tolerance"
-    parser.number("--adaptive", text, metavar="TOLERANCE")
-    add_shared_options(parser, "--algorithm")
-    add = parser.add_argument
-    add("--order", type=name_list, metavar="LIST", help="sequence in which the parts step: a,b,c")
-    text = "polynomial order of inputs within a step"
-    parser.whole("--input-order", text, 0, default=0)
-    text = "substeps of a part within a communication step"
-    parser.several("--substeps", text, metavar="PART=N")
-    text = "relative tolerance passed to the FMUs (default: the one that each FMU states)"
-    parser.number("--tolerance", text)
-    text = "pass the stop time to all FMUs before the start (default: only to those that need it)"
-    add("--stop-time-defined", action="store_true", help=text)
-    parser.path("--input", "CSV file of inputs over time; its first column is the time [s]")
-    text = "input and the column of --input that drives it; NAME=>COLUMN converts no unit (default: columns that are named like inputs)"
-    parser.several("--map", text, metavar="NAME=COLUMN")
-    text = "hold the values of --input until the next row instead of interpolating"
-    add("--held", action="store_true", help=text)
-    parser.several("--at", "change of a value during the run", metavar="'TIME NAME=VALUE'")
-    if records:
-        add_shared_options(parser, "--record")
-    parser.time("--output-step", "time between rows [s] (default: a row at every step)")
+    """Add the options of how a system is stepped, one for each field of the settings, and if it `records` what."""
+    for name in FIELDS:
+        option = SETTING_OPTIONS.get(name, f"--{name.replace('_', '-')}")
+        if option in OPTIONS and (records or name != "record"):
+            parser.take(option)
+    parser.take("--adaptive", "--input", "--map", "--held", "--at")

@@ -15,7 +15,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from cosim import System, certify, run, write_ssp
-from cosim.cli.main import main
+from cosim.cli.main import COMMANDS, main
+from cosim.cli.options import OPTIONS, Parser
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
@@ -213,3 +214,26 @@ def test_help_imports_nothing_that_only_a_command_needs() -> None:
         [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_an_option_means_the_same_in_every_command() -> None:
+    """Its kind of value and where it is kept, whatever it is of; the table has no option that no command takes."""
+    meanings: dict[str, set[tuple[str, Any, Any]]] = {}
+    for command in COMMANDS.values():
+        options = Parser()
+        command.add_options(options)
+        for action in options._actions:
+            for name in action.option_strings[:1]:
+                kind = (str(action.type), action.metavar, action.dest)
+                meanings.setdefault(name, set()).add(kind)
+    assert not {name: kinds for name, kinds in meanings.items() if len(kinds) > 1}
+    assert meanings.keys() - {"-h"} == OPTIONS.keys()
+
+
+def test_a_former_name_of_an_option_is_told(fmus: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    motor = str(fmus / "DriveMotor.fmu")
+    assert main(["check", motor, "--stop", "1", "--tolerance", "1e-5"]) == 0
+    told = "warning: --tolerance is called --fmu-tolerance: write that\n"
+    assert told in capsys.readouterr().err
+    assert main(["check", motor, "--stop", "1", "--fmu-tolerance", "1e-5"]) == 0
+    assert "tolerance" not in capsys.readouterr().err

@@ -275,14 +275,13 @@ def test_numbers_of_the_command_line_are_those_of_a_file(
     assert f"A.{name} " in command_output("info", fmi2(("guid", "guid")), *start, code=2)
 
 
-@pytest.mark.parametrize("option", ["--stop", "--step", "--tolerance", "--output-step"])
+@pytest.mark.parametrize("option", ["--stop", "--step", "--fmu-tolerance", "--output-step"])
 @pytest.mark.parametrize("text", ["1_0", "1,5"])
 def test_options_are_such_numbers_too(
     option: str, text: str, fmi2: Edited, command_output: CommandOutput
 ) -> None:
-    assert f"argument {option}: '{text}' is not a" in command_output(
-        "check", fmi2(("guid", "guid")), option, text, code=2
-    )
+    said = command_output("check", fmi2(("guid", "guid")), option, text, code=2)
+    assert f"argument {option}" in said and f": '{text}' is not a" in said
 
 
 def test_a_number_of_32_bits_does_not_become_infinite(fmi3: Edited) -> None:

@@ -129,7 +129,7 @@ def test_an_fmu_whose_file_is_no_name_gets_a_name(
     ("options", "message"),
     [
         (["--order", "nonsense"], "order ['nonsense'] must name each of A once"),
-        (["--tolerance", "-1"], "tolerance = -1.0 must be above 0"),
+        (["--fmu-tolerance", "-1"], "tolerance = -1.0 must be above 0"),
         (["--substeps", "A=9999999999"], "substeps of A = 9999999999 must be at least 1 and below"),
         (["--input-order", "1000000"], "input_order = 1000000 must be at least 0 and at most 8"),
         (["--record", "A.t"], "A has no variable 't', only"),

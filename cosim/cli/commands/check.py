@@ -47,5 +47,4 @@ def add_options(parser: Parser) -> None:
     """Add how the system is stepped, and the check of the standard in its place."""
     add_system_options(parser, is_timed=True)
     add_stepping_options(parser)
-    text = "check the file against the SSP standard instead, clause by clause"
-    parser.add_argument("--standard", action="store_true", help=text)
+    parser.take("--standard")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import math
+from pathlib import Path
 
 from ...analysis.compare import SHARE, compare
 from ..options import Parser, assignment
@@ -28,21 +28,15 @@ def execute(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the two files and the band."""
-    text = ".csv or .parquet file whose first column is the time"
-    parser.path("result", text, metavar="result")
+    text = ".csv or .parquet file with a column of times"
+    parser.add_argument("result", type=Path, help=text)
     text = "another result or a measurement, in a file of the same form"
-    parser.path("reference", text, metavar="reference")
+    parser.add_argument("reference", type=Path, help=text)
     text = (
         "columns of result and reference, w=n:rpm or tau=M*0.73:N.m; "
         "by default, all columns with the same name"
     )
-    parser.several("--map", text, metavar="NAME=COLUMN")
-    text = "half the height of the band, as a share of the reference's range"
-    parser.number("--value", text, SHARE)
-    text = f"half the width of the band [s] (default: {SHARE} of the time compared)"
-    parser.number("--time", text)
-    text = "error of a column, in the reference's unit or with its own, as in 7.3rpm"
-    parser.several("--error", text, metavar="NAME=VALUE")
-    text = "skip gaps longer than this between rows of the reference [s] (default: no limit)"
-    parser.number("--gap", text, math.inf)
-    parser.path("--plot", "image file with a plot of the curves and their bands")
+    parser.take("--map", help=text)
+    parser.take("--value", default=SHARE)
+    parser.take("--time", "--error", "--gap")
+    parser.take("--plot", help="image file with a plot of the curves and their bands")

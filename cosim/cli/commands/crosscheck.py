@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...analysis.crosscheck import crosscheck
 from ...analysis.crosscheck.report import Crosscheck
-from ..options import Parser
+from ..options import SEVERAL, Parser
 from ..output import require_writable
 
 SUMMARY = "Check whether an FMU keeps its promises."
@@ -27,8 +27,9 @@ def execute(options: argparse.Namespace) -> int:
 
 def add_options(parser: Parser) -> None:
     """Add the FMU, the step and the reports."""
-    parser.path("fmu", "a co-simulation FMU of FMI 2.0 or 3.0", metavar="fmu")
-    parser.time("--step", "communication step [s] (default: the one that the FMU prefers)")
-    parser.time("--timeout", "longest wall-clock time of a check [s]", 60.0)
+    parser.add_argument("fmu", type=Path, help="a co-simulation FMU of FMI 2.0 or 3.0")
+    text = "communication step [s] (default: the one that the FMU prefers)"
+    parser.take("--step", help=text)
+    parser.take("--timeout", default=60.0, help="longest wall-clock time of a check [s]")
     text = "report file: .txt, .xml (JUnit), .html, or a badge .svg"
-    parser.several("--out", text, metavar="FILE", type=Path)
+    parser.take("--out", help=text, **SEVERAL)

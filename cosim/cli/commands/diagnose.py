@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from ..options import Parser
-from ..system_file import add_shared_options, add_system_options, open_system
+from ..system_file import add_system_options, open_system
 
 SUMMARY = "Measure how the coupling changes the damping."
 
@@ -28,7 +28,4 @@ def execute(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the step, the algorithm and what is allowed of it."""
     add_system_options(parser)
-    add_shared_options(parser, "--step", "--algorithm")
-    text = "artificial damping allowed, as a share of the real damping"
-    parser.number("--share", text, 0.05)
-    parser.time("--settle", "time [s] to settle before the measurement", 0.0)
+    parser.take("--step", "--algorithm", "--share", "--settle")

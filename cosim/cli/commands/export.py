@@ -50,11 +50,6 @@ def execute(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the format, the file and the step."""
     add_system_options(parser)
-    parser.add_argument(
-        "--to",
-        choices=FORMATS,
-        help="ssp, osp (a folder for libcosim), or container (one FMU) (default: as --out ends)",
-    )
-    parser.path("--out", "file to write; a folder for osp", required=True)
-    parser.time("--step", "communication step [s]")
-    parser.time("--stop", "stop time of the default experiment [s] (default: that of the file)")
+    parser.take("--to", choices=FORMATS)
+    parser.take("--out", required=True, help="file to write; a folder for osp")
+    parser.take("--step", "--stop")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 
 from ...accuracy.certify import summary_of_rows
 from ...accuracy.reference import METHODS, oracle, true_errors
@@ -16,7 +15,7 @@ from ..output import (
     print_written_files,
     require_outputs,
 )
-from ..system_file import add_shared_options, add_system_options, open_system, recorded_names
+from ..system_file import add_system_options, open_system, recorded_names
 
 SUMMARY = "Compute the true errors of a run by model exchange."
 
@@ -62,11 +61,11 @@ def execute(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the times, the integrator and what is written."""
     add_system_options(parser, is_timed=True)
-    add_shared_options(parser, "--stop", "--step", "--algorithm")
-    text = "longest wall-clock time of an integration [s] (default: no limit)"
-    parser.time("--timeout", text, math.inf)
-    text = "integrator; Radau and LSODA are for stiff systems"
-    parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=text)
-    add_shared_options(parser, "--record")
-    parser.path("--out", ".csv or .parquet file for the rows of the reference solution")
+    parser.take("--stop", "--step", "--algorithm")
+    parser.take(
+        "--timeout", help="longest wall-clock time of an integration [s] (default: no limit)"
+    )
+    parser.take("--method", choices=METHODS, default=METHODS[0])
+    parser.take("--record")
+    parser.take("--out", help=".csv or .parquet file for the rows of the reference solution")
     parser.set_defaults(adaptive=None, output_step=None, plot=None)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from ...accuracy.referee import TIMEOUT, TOLERANCE, RefereeReport, referee
 from ...errors import SetupError
 from ...scoreboards import UNREADABLE, scoreboard
 from ...standings import Scoreboard
-from ..options import Parser, assignment
+from ..options import SEVERAL, Parser, assignment
 from ..output import require_writable
-from ..system_file import add_shared_options, add_system_options, open_system
+from ..system_file import add_system_options, open_system
 
 SUMMARY = "Judge the result of another master."
 
@@ -61,16 +60,14 @@ def judge_masters(options: argparse.Namespace) -> int:
 def add_options(parser: Parser) -> None:
     """Add the result, what its columns are, and the files to write."""
     add_system_options(parser, is_timed=True, needs_file=False)
-    parser.path("--result", ".csv, .parquet, or .mat file of a Modelica tool")
-    text = "judge the results of many masters, FOLDER/results/MASTER/SYSTEM_1ms.csv, on the reference systems in FOLDER"
-    parser.path("--scoreboard", text, metavar="FOLDER")
+    parser.take("--result", "--scoreboard")
     text = "column of a variable, where their names differ: motor.tau=M*0.73:N.m"
-    parser.several("--map", text, metavar="NAME=COLUMN")
+    parser.take("--map", help=text)
     text = "communication step of the other master [s] (default: several are tried)"
-    parser.time("--step", text)
-    add_shared_options(parser, "--stop")
-    text = "allowed difference, as a share of the range of a signal"
-    parser.number("--tolerance", text, TOLERANCE)
-    parser.time("--timeout", "longest wall-clock time of an integration [s]", TIMEOUT)
+    parser.take("--step", help=text)
+    parser.take("--stop")
+    parser.take("--allowed", default=TOLERANCE)
+    text = "longest wall-clock time of an integration [s]"
+    parser.take("--timeout", default=TIMEOUT, help=text)
     text = "report: .txt, .json, .xml (JUnit, of one result), .html, or a picture .png, .svg, .pdf"
-    parser.several("--out", text, metavar="FILE", type=Path)
+    parser.take("--out", help=text, **SEVERAL)

@@ -150,11 +150,4 @@ def add_options(parser: Parser) -> None:
     """Add how the system is stepped and what is written."""
     add_system_options(parser, is_timed=True)
     add_stepping_options(parser)
-    parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units and provenance")
-    text = "longest wall-clock time of a step [s] (default: no limit)"
-    parser.time("--timeout", text, math.inf)
-    text = "write only this part's columns, under their bare names"
-    parser.add_argument("--part", metavar="NAME", help=text)
-    parser.path("--plot", "image file with a plot of all columns")
-    text = "also run with other steps, and a tenth of the FMUs' tolerance, and state the error of every figure (exit status 3 if of none)"
-    parser.add_argument("--certify", action="store_true", help=text)
+    parser.take("--out", "--timeout", "--part", "--plot", "--certify")

@@ -315,24 +315,10 @@ def _plot(
 def add_options(parser: Parser) -> None:
     """Add the cases, the figures, how the system is stepped, and what is written."""
     add_system_options(parser, is_timed=True)
-    text = "values from run to run, NAME=from:to:n or NAME=a,b,c, with units if needed; all combinations of several"
-    parser.several("--vary", text, metavar="NAME=VALUES")
-    text = "vary several names row by row, not in all combinations"
-    parser.add_argument("--together", action="store_true", help=text)
-    parser.path("--table", "cases: a .csv whose header names start values, one row per run")
-    text = "draw this many cases from the space within --within"
-    parser.whole("--sample", text, 1)
-    parser.several("--within", "bounds of a start value for --sample", metavar="NAME=a..b")
-    text = "seed of --sample"
-    parser.whole("--seed", text, 0, default=0)
-    text = "figure of each run, as largest:motor.tau or mean:motor.tau@0.5..2"
-    parser.several("--figure", text, metavar="KIND:COLUMN")
-    text = "also run with other steps and give every figure with its error"
-    parser.add_argument("--certify", action="store_true", help=text)
+    parser.take("--vary", "--together", "--table", "--sample", "--within", "--seed", "--figure")
+    parser.take("--certify", help="also run with other steps and give every figure with its error")
     add_stepping_options(parser, records=False)
-    parser.path("--out", ".csv or .parquet file; a JSON file next to it gives units")
-    parser.path("--plot", "picture of each figure over each varied value")
-    text = "runs at a time"
-    parser.whole("--jobs", text, 1, default=available_cores())
-    text = "longest wall-clock time of a step [s] (default: no limit)"
-    parser.time("--timeout", text, math.inf)
+    parser.take("--out", help=".csv or .parquet file; a JSON file next to it gives units")
+    parser.take("--plot", help="picture of each figure over each varied value")
+    parser.take("--jobs", default=available_cores())
+    parser.take("--timeout")
