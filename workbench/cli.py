@@ -84,6 +84,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     from .options import add_arguments, declared
     from .run import ask
     from .runs.folder import reservation
+    from .study.tolerance import study_file, with_tolerances
 
     parser = Parser(
         prog=f"{program} run {argv[0]}",
@@ -101,6 +102,8 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
         action=BooleanOptionalAction,
         help="say what would make an answer good that is not (default: if it takes no longer than about 10 s)",
     )
+    if "tolerance" not in declared(question):
+        _add_tolerance(parser)
     parsed, rest = parser.parse_known_args(argv[1:])
     if rest:
         flags = [x[2:] for x in parser._option_string_actions if x[:2] == "--" and x != "--help"]
@@ -112,8 +115,16 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     args["out"] = args.get("out", folder / vars(o).get("set", ""))
     animate = args.pop("animate")
     seconds = {None: SEARCH_SECONDS, True: math.inf, False: 0.0}[args.pop("remedies", None)]
+    texts, machines = args.pop("tolerance", []), args.pop("machines", 0)
+    settings = {x: args.get(x) for x in ("jobs", "scheduler")}
+    if texts and question.is_sequential:  # the machines are in parallel then
+        args = {name: x for name, x in args.items() if name not in settings}
     with reservation(args["out"]):
         answer = ask(project, argv[0], options, **args, program=program)
+        if texts:
+            scenario = str(question.path.resolve()) if question.own_files else argv[0]
+            content = study_file(scenario, options, answer, texts, machines)
+            answer = with_tolerances(answer, content, args["out"], project, **settings)
         with as_question_errors(question.module):
             print_and_write(answer, args["out"], animate=animate, seconds=seconds)
     return REFUSED if answer.refused else 0
@@ -221,6 +232,20 @@ def _add_common(parser: Parser, out: str) -> None:
     )
     parser.add_argument(
         "--out", type=_folder, metavar="FOLDER", help=f"output folder (default: {out})"
+    )
+
+
+def _add_tolerance(parser: Parser) -> None:
+    """The options of machines that scatter."""
+    parser.add_argument(
+        "--tolerance",
+        action="append",
+        metavar="NAME=PERCENT",
+        help="say for how many machines each judgement is yes that scatter by so much around their values; also "
+        "NAME=+-VALUE, or normal:PERCENT and normal:+-VALUE of a standard deviation (repeatable)",
+    )
+    parser.add_argument(
+        "--machines", type=int, default=64, metavar="N", help="how many (default: 64)"
     )
 
 

@@ -26,7 +26,7 @@ from .catalog import QuestionError, as_question_errors
 from .context import IN_PROCESS, Context, captured_log_warnings
 from .figure import Figure, checked_figures
 from .find import Find, find
-from .judgement import lines
+from .judgement import Holds, Judgement, lines
 from .live import Live
 from .live.build import for_shell
 from .options import at_least, check_fixed_starts
@@ -39,6 +39,8 @@ from .runs.journal import OutcomeJournal, open_journal
 from .runs.runner import Runner
 from .runs.worker import OK, Outcome, failure
 
+#: What judgement number k of an answer is called among figures.
+JUDGED = "judgement_{}"
 #: What was found: name, unit and reason of each figure; value and error of each, nan without one; and warnings.
 Row = tuple[list[list[str]], NDArray[np.float64], list[str]]
 
@@ -239,19 +241,23 @@ def rows(
     fmus: Mapping[str, Path],
     cases: Sequence[Mapping[str, Any]],
     finds: Mapping[str, Find] = MappingProxyType({}),
+    *,
+    judged: bool = False,
 ) -> list[Outcome]:
     """Return what becomes of the question of a file or a module in each case: options, and start values, which have a dot.
 
-    Where figures reach the levels of `finds` is sought in each case, and is a figure as well.
+    Where figures reach the levels of `finds` is sought in each case, and is a figure as well; so are judgements where they are
+    `judged`, 1 for yes and 0 for no.
     The answer of an outcome is a `Row`. Cases that cannot be solved together are solved in halves. Errors name no folder.
     """
     began = perf_counter()
     try:
-        found = _solved(page, fmus, cases, finds)
+        found = _solved(page, fmus, cases, finds, judged=judged)
     except Exception as error:  # noqa: BLE001
         if len(cases) > 1:
             half = len(cases) // 2
-            return [*rows(page, fmus, cases[:half], finds), *rows(page, fmus, cases[half:], finds)]
+            halves = (cases[:half], cases[half:])
+            return [x for some in halves for x in rows(page, fmus, some, finds, judged=judged)]
         found = [error]
     seconds = (perf_counter() - began) / len(cases)
     return [
@@ -265,6 +271,8 @@ def _solved(
     fmus: Mapping[str, Path],
     cases: Sequence[Mapping[str, Any]],
     finds: Mapping[str, Find],
+    *,
+    judged: bool,
 ) -> list[Row | Exception]:
     """The answers to cases, or why they are refused; raises what `solve_all` does, and if it is not clear who warns."""
     try:
@@ -289,6 +297,7 @@ def _solved(
                     for name, all_ in of_case
                     for n, y in enumerate(all_, 1)
                 }
+                more |= _judged(asked[k].judgements(x.figures, x.data)) if judged else {}
                 found[k] = replace(x, figures={**x.figures, **more})
             if len(cases) > 1 and logged():
                 raise SetupError(f"one of {len(cases)} cases warns: {logged()[0]}")
@@ -301,6 +310,17 @@ def _solved(
         for folder in {path.parent for path in (page, *fmus.values()) if isinstance(path, Path)}:
             text = text.replace(f"{folder}{os.sep}", "")
         raise type(error)(text) from error
+
+
+def _judged(judgements: Sequence[Judgement]) -> dict[str, Figure]:
+    """Judgements as figures: 1 for yes, 0 for no, and why one is open."""
+    return {
+        JUDGED.format(k): Figure(float(x.answer is Holds.YES), "1", 0.0, x.what)
+        if x.answer is not Holds.OPEN
+        else Figure.undetermined("1", x.why_open or "it is open", x.what)
+        for k, x in enumerate(judgements, 1)
+        if x.answer
+    }
 
 
 def _study_row(findings: Findings, logged: Sequence[str]) -> Row:

@@ -300,7 +300,7 @@ def test_errors_of_the_classical_calculation_are_those_of_exact_orbits(answers_o
 def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(name: str) -> None:
     speeds = {"A": "8:38:11", "B": "8:30:9"}[name]
     most = {"A": 2.0, "B": 2.8}[name]
-    answer = ask("resonance", theory="classical", set=name, speeds=speeds, tolerance=most)
+    answer = ask("resonance", theory="classical", set=name, speeds=speeds, accepted_error=most)
     held = 0
     for variant in ("spring", "whole"):
         for load in ("torque", "speed", "force"):
@@ -323,7 +323,9 @@ def test_where_the_classical_calculation_goes_wrong_is_where_exact_orbits_say(na
 
 
 def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
-    answer = ask("resonance", theory="classical", speeds="20,40", steps_per_rev=128, tolerance=1.0)
+    answer = ask(
+        "resonance", theory="classical", speeds="20,40", steps_per_rev=128, accepted_error=1.0
+    )
     end = answer.figures["limit_spring_torque"]
     assert (end.error, end.reason) == (None, "not even at the lowest speed of the sweep")
     reason = "the sweep has too few speeds near the speed where the error passes the tolerance"
@@ -547,7 +549,7 @@ def test_an_error_that_leaves_its_tolerance_between_two_speeds_is_found() -> Non
     drive = Drive(B=9.74785, T=0.126715, J=0.0110593, r=0.0108158, m=5.18383, d=39.0499, c=882.742,
                   l=0.058943, finite=True)  # fmt: skip
     answer = ask(
-        "resonance", theory="classical", tolerance=4.6, start=drive.start,
+        "resonance", theory="classical", accepted_error=4.6, start=drive.start,
         speeds="6.1719,10.15,14.13,18.11,22.09,26.07",
     )  # fmt: skip
     machine = Machine(

@@ -30,7 +30,7 @@ Value = float | int | str | bool
 Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
 KEYS = (
-    "scenario", "timeout", "figures", "fixed", "grid", "sampling", "tolerances", "limits", "find",
+    "scenario", "timeout", "figures", "judgements", "fixed", "grid", "sampling", "tolerances", "limits", "find",
 )  # fmt: skip
 TOLERANCES = (
     "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
@@ -44,6 +44,7 @@ LEAST = 2.0**-31
 #: Runs of a study at most; chosen: about a day of runs of 0.1 s.
 MAX_RUNS = 1 << 20
 TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
+JUDGEMENTS = Option("judgements", bool)
 NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MAX_RUNS})
 WHICH = Option("which", str, default="first", choices=("first", "all"))
 FIND = '{ over, from, to, figure, level }, and perhaps guide and which = "all"'
@@ -89,7 +90,7 @@ class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
     `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
-    as texts with one; `find` is what is sought in each run, by the name of the figure.
+    as texts with one; `find` is what is sought in each run, by the name of the figure. With `judgements` these are figures as well.
     """
 
     path: Path
@@ -104,6 +105,7 @@ class Study:
     tolerances: Mapping[str, rv_frozen]
     limits: Mapping[str, float | str]
     find: Mapping[str, Find]
+    judgements: bool
 
     @property
     def name(self) -> str:
@@ -166,7 +168,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         project.locate(scenario, path.parent)
     except SetupError as error:
         raise SetupError(f"scenario = {error}") from None
-    tables = {key: content.get(key, {}) for key in KEYS[3:]}
+    tables = {key: content.get(key, {}) for key in KEYS[4:]}
     for key, table in tables.items():
         if not isinstance(table, dict):
             raise SetupError(f"{key} = {quoted(table)} must be a table [{key}]")
@@ -212,6 +214,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         **read,
         limits=limits,
         find=find,
+        judgements=JUDGEMENTS.read(content.get("judgements", False)),
     )
 
 

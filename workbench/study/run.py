@@ -68,7 +68,7 @@ def run(
         unpack(inputs, home)
         page = home / question_files[0].name if question_files else study.question.locator
         files = {part: home / path.name for part, path in fmus.items()}
-        answers = partial(rows, page, files, finds=_finds(study, fmus))
+        answers = partial(rows, page, files, finds=_finds(study, fmus), judged=study.judgements)
         runner = replace(runner, page=str(page), files=[home / name for name in inputs])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once

@@ -120,7 +120,9 @@ class Resonance(Question, NameplateOptions, RippleOptions):
     theory: str = option(
         FIRST_ORDER, "theory that is drawn and compared with", choices=(FIRST_ORDER, CLASSICAL)
     )
-    tolerance: float = option(5.0, "error that is accepted of classical theory", "%", above=0.0)
+    accepted_error: float = option(
+        5.0, "error that is accepted of classical theory", "%", above=0.0
+    )
 
     @property
     def rated_torque_or_default(self) -> float:
@@ -339,7 +341,9 @@ def findings(
     if sweep.branches:
         tables[MOTIONS] = sweep.motions
     if o.theory == CLASSICAL:
-        r = replace(r, classical=(compared := classical.compare(plan.machine, sweep, o.tolerance)))
+        r = replace(
+            r, classical=(compared := classical.compare(plan.machine, sweep, o.accepted_error))
+        )
         tables = {classical.TABLE: compared.table, **tables}
     figures = {
         **formula_figures(r.machine),
