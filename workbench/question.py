@@ -13,7 +13,7 @@ from functools import cached_property
 from inspect import isfunction
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, dataclass_transform
 
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
@@ -43,6 +43,24 @@ TABLES = {
     "wires": '"a.w -> b.w"', "fixed_starts": '"a.w"', "record": '"a.w"', "decisive": '"figure"',
     "numbers": "Number(...)", "charts": "RunChart(...)", "sliders": "Slider(...)",
 }  # fmt: skip
+
+
+class Probe(NamedTuple):
+    """What a search asks in place of a question that found something.
+
+    Attributes
+    ----------
+    question : Question
+        What is asked at values of the inputs.
+    judge : callable, optional
+        Gives the judgements of what it finds, in the order of those of the answer; by default its own.
+    sliders : sequence of Slider, optional
+        The inputs, by default those of the answer.
+    """
+
+    question: Question
+    judge: Callable[[Question, Findings], Sequence[Judgement]] | None = None
+    sliders: Sequence[Slider] | None = None
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(option,))
@@ -158,9 +176,9 @@ class Question(Options):
         changed: Any = {"start": {**self.start, name: x}} if "." in name else {name: x}
         return replace(self, **changed)
 
-    def probe(self) -> Self:
-        """Return the question with no more than its judgements need, which searches ask in its place."""
-        return self
+    def probe(self, context: Context, found: Findings) -> Probe:
+        """Return what searches ask in place of the question: one with no more than the judgements need."""
+        return Probe(self)
 
     def run_options(self) -> RunOptions:
         """Return stop, step and algorithm of the certified runs."""

@@ -29,7 +29,7 @@ from .find import Find, find, solve_each
 from .judgement import Holds, Judgement, capital
 from .live import Slider
 from .options import Option, declared
-from .question import Question
+from .question import Probe, Question
 
 #: How much wider than its slider a range may be: from a third of the present value to three times it.
 WIDENED = 3.0
@@ -327,16 +327,25 @@ class Search:
 def search_for(
     o: Question,
     context: Context,
-    judgements: Sequence[Judgement],
+    found: Findings,
     sliders: Sequence[Slider],
     values: Mapping[str, GivenValue],
 ) -> Search:
-    """Return the search for what makes good the judgements of an answer that are not."""
+    """Return the search for what makes good the judgements of an answer that are not.
+
+    Inputs have the sliders of the page, and their values unless what is asked in place of the question has others.
+    """
+    judgements = o.judgements(found.figures, found.data)
     bad = [k for k, x in enumerate(judgements) if x.answer is not None and x.good is not True]
-    return Search(
-        o.probe(), context, ranges(o, sliders, values) if bad else [],
-        lambda o, found: o.judgements(found.figures, found.data), bad,
-    )  # fmt: skip
+    question, judge, own = o.probe(context, found) if bad else Probe(o)
+    start = {x: values[x]._replace(value=y) for x, y in question.start.items() if x in values}
+    inputs = ranges(question, sliders if own is None else own, {**values, **start}) if bad else []
+    return Search(question, context, inputs, judge or own_judgements, bad)
+
+
+def own_judgements(o: Question, found: Findings) -> Sequence[Judgement]:
+    """Return the judgements of a question."""
+    return o.judgements(found.figures, found.data)
 
 
 def same_figures(one: Findings | SetupError, other: Findings | SetupError) -> bool:
@@ -364,17 +373,19 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
     if not written:
         raise SetupError(f'--until {wanted!r} must read "FIGURE = VALUE UNIT", or with <= or >=')
     name, sign, raw = written.groups()
-    now, brief = solve_each(context, [o, o.probe()])
+    (now,) = solve_each(context, [o])
     if isinstance(now, SetupError):
         raise now
+    probe = o.probe(context, now).question
     if name not in now.figures:
         raise SetupError(
             f"--until {wanted!r}: {o.name} has no figure {name!r}, only {', '.join(now.figures)}"
         )
     of_fmus = parameters(now.system) if now.system and now.system.parts else {}
     given = {**of_fmus, **option_values(o, now.defaults)}
+    (brief,) = solve_each(context, [probe])
     if isinstance(brief, Findings) and brief.figures.get(name) == now.figures[name]:
-        o = o.probe()
+        o = probe
     level = Option(name, float, unit=now.figures[name].unit.removeprefix("1")).read(
         raw.strip(), f"--until: {name}"
     )

@@ -169,7 +169,7 @@ def answer(
         parameters=values,
         show=show,
         live=live_part,
-        search=search_for(o, context, judgements, sliders, {**values, **options}),
+        search=search_for(o, context, findings, sliders, {**values, **options}),
         refused=is_refused(question, findings.figures),
         sources=question.sources,
         error_scope=question.error_scope,

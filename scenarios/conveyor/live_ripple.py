@@ -24,6 +24,14 @@ SWEEP_STEPS = 256
 SWEEP_POINTS = 60
 #: The shares to which live revolutions repeat, below the step differences of 512 and of 256 steps.
 ORBIT, SWEEP_ORBIT = Steady(1e-6, 200), Steady(1e-4, 80)
+SLIDERS = (
+    Slider("conveyor.spring.c", 2e5, 1.4e6),
+    Slider("speed", 20.0, 66.0),
+    Slider("conveyor.trough.m", 80.0, 400.0),
+    Slider("conveyor.rotor.J", 0.2, 1.2),
+    Slider("motor.T", 0.02, 0.2),
+    Slider("conveyor.trough.d", 1000.0, 12000.0),
+)
 TORQUE_RIPPLE = Reader("amplitude", "motor.tau", REVOLUTION, 2)
 SPEED_RIPPLE = Reader("amplitude", "conveyor.w", REVOLUTION, 2)
 PHASE = Number(
@@ -78,15 +86,10 @@ def live_part(
     )
     return Live(
         sliders=(
-            Slider("conveyor.spring.c", 2e5, 1.4e6),
-            Slider("speed", 20.0, 66.0),
-            Slider("conveyor.trough.m", 80.0, 400.0),
-            Slider("conveyor.rotor.J", 0.2, 1.2),
-            Slider("motor.T", 0.02, 0.2),
+            *SLIDERS,
             Slider("motor.B", 50.0, 500.0)
             if is_linear
             else Slider("motor.kloss.tau_b", 50.0, 500.0),
-            Slider("conveyor.trough.d", 1000.0, 12000.0),
         ),
         values=live_theory.values(machine),
         start={**live_theory.START, **({} if is_linear else live_theory.KLOSS_START)},

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from scipy.optimize import brentq
 
 from examples import logger, measured_conveyor, measured_iron
-from scenarios.conveyor.first_order import Machine
+from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.conveyor.questions import identify
 from tests.conftest import QUICK, ROOT, ask, fmus_of
 from workbench.answer import Answer
@@ -49,36 +48,18 @@ def test_the_truth_lies_within_the_errors(answer: Answer) -> None:
         assert abs(figure.value - TRUTH[name]) < 1.5 * figure.error
 
 
-def test_what_would_get_it_clear_does(answer: Answer) -> None:
-    """With each value as it is told, the machine has the ripple that is the limit."""
-    f, nu, most = answer.figures, answer.facts["operating_speed"], answer.facts["limit"]
-    assert f["tau2"].value > most
-    for name in ("avoid_from", "avoid_to"):
-        at = f[name].value
-        assert abs(MACHINE.torque_ripple(at)) == pytest.approx(most, rel=0.05)
-        assert (at < nu) == (name == "avoid_from")
-    for name, field in (("clear_rotor_j", "theta1"), ("clear_motor_t", "T")):
-        changed = replace(MACHINE, **{field: f[name].value})
-        assert abs(changed.torque_ripple(nu)) == pytest.approx(most, rel=0.05)
-        assert f[name].text() in repr(answer)
-
-
-def test_a_change_is_more_certain_than_the_value_it_leads_to(answer: Answer) -> None:
-    """The factor of the true machine, sought here; what is not known of the fit moves both alike."""
-    f, nu, most = answer.figures, answer.facts["operating_speed"], answer.facts["limit"]
-    for name, field in (("rotor_j", "theta1"), ("motor_t", "T")):
-        change, clear = f[f"change_{name}"], f[f"clear_{name}"]
-        assert change.error is not None and clear.error is not None
-        fitted = f["conveyor_rotor_j" if name == "rotor_j" else "motor_t"]
-        assert change.value == pytest.approx(100 * (clear.value / fitted.value - 1), rel=1e-6)
-        assert change.error < 0.9 * 100 * clear.error / fitted.value
-
-        def over(factor: float, field: str = field) -> float:
-            changed = replace(MACHINE, **{field: factor * getattr(MACHINE, field)})
-            return float(abs(changed.torque_ripple(nu))) - most
-
-        exact = 100 * (brentq(over, 1.1, 2.0) - 1)
-        assert abs(change.value - exact) < 1.5 * change.error
+def test_what_would_get_it_clear_does_so_for_the_true_machine(answer: Answer) -> None:
+    """Each remedy has the interval of the fit: set into the true machine, the ripple is below its limit."""
+    nu, most = answer.facts["operating_speed"], answer.facts["limit"]
+    assert answer.figures["tau2"].value > most
+    (found,) = answer.search.remedies()
+    fields = {**FIELDS, "speed": ""}
+    assert {x.varied.name for x in found.found} >= {"speed", "motor.T", "conveyor.rotor.J"}
+    for x in found.found:
+        changed = {name: y for name, y in [(fields[x.varied.name], x.value)] if name}
+        at = x.value if x.varied.name == "speed" else nu
+        ripple = abs(replace(MACHINE, **changed).torque_ripple(at))
+        assert 0.85 * most < ripple < 1.01 * most  # theory leaves out what is of second order
 
 
 def test_the_next_record_is_that_in_which_the_speed_changes(answer: Answer) -> None:

@@ -74,8 +74,7 @@ def ratios(level: float, zeta: float) -> tuple[float, float]:
 
 def search(o: Question, context: Context = Context({})) -> Search:  # noqa: B008
     (found,) = type(o).solve_all(context, [o])
-    judgements = o.judgements(found.figures, found.data)
-    return search_for(o, context, judgements, o.sliders, option_values(o))
+    return search_for(o, context, found, o.sliders, option_values(o))
 
 
 def by_input(found: Remedies) -> dict[tuple[str, bool], Any]:
@@ -205,9 +204,8 @@ def test_the_speeds_that_make_a_drive_safe_are_those_between_which_it_is_not() -
     o, context = resonance.Resonance.parse({"set": "A"}), Context(fmus_of(resonance))
     (full,) = type(o).solve_all(context, [o])
     sliders = [Slider("speed", 20.0, 66.0)]
-    judgements = o.judgements(full.figures, full.data)
     values = option_values(o, {"speed": 40.0} | full.defaults)
-    found = by_input(search_for(o, context, judgements, sliders, values).remedies()[0])
+    found = by_input(search_for(o, context, full, sliders, values).remedies()[0])
     for name, is_upper in (("avoid_from", False), ("avoid_to", True)):
         assert (
             abs(found["speed", is_upper].value - full.figures[name].value)

@@ -108,8 +108,8 @@ def with_tolerances(
     shown = answer.show
 
     def show() -> Show:
-        pictures, *more = shown()
-        return Show([*pictures, *([chart] if panels else [])], *more)
+        known = shown()
+        return known._replace(charts=[*known.charts, *([chart] if panels else [])])
 
     return replace(answer, verdict="\n".join([first, *lines, *others]), show=show)
 

@@ -24,6 +24,7 @@ from workbench import (
     Context,
     Curve,
     Figure,
+    Findings,
     Judgement,
     Mark,
     Panel,
@@ -32,7 +33,7 @@ from workbench import (
     option,
 )
 from workbench.charts import model as colors
-from workbench.charts.model import SecondUnit, Span
+from workbench.charts.model import SecondUnit
 from workbench.fit import (
     FIT_ERROR_SCOPE,
     Fitted,
@@ -45,20 +46,16 @@ from workbench.fit import (
     misfit,
     next_record,
 )
-from workbench.judgement import Holds
+from workbench.question import Probe
 
 from ..first_order import SETS, Machine
-from ..fitted_drive import (
-    CHANGED,
-    DRIVE_QUANTITIES,
-    IdentifiedDrive,
-    figures,
-    stretches_above_limit,
-)
+from ..fitted_drive import DRIVE_QUANTITIES, IdentifiedDrive, figures
+from ..live_ripple import SLIDERS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
 from ..motion import moving
 from ..options import RippleOptions
+from ..orbit import DriveOrbit
 from ..papers import cited
 
 SPEED, TORQUE = "conveyor.w", "motor.tau"
@@ -122,10 +119,9 @@ class Identify(Question, RecordOptions, RippleOptions):
         )
 
     def follow(self, context: Context, guess: Guess, fit: Identified) -> Followed:
-        """Return the resonance and what would get clear of it, and records like this one, from rest, and with steps."""
+        """Return the resonance and the ripple, and records like this one, from rest, and with steps."""
         operating, machine = guess.defaults["speed"], guess.more
-        edges = stretches_above_limit(self, fit, machine)
-        drive_data = IdentifiedDrive(fit, machine, operating, edges)
+        drive_data = IdentifiedDrive(fit, machine, operating)
         base, nu = SETS[self.set].follow(self.start), float(np.mean(fit.result[SPEED]))
         is_induction = has_kloss_characteristic(base)
         records = further_records(
@@ -143,37 +139,40 @@ class Identify(Question, RecordOptions, RippleOptions):
         )
 
     def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
-        """Whether the ripple is above its limit, where the resonance is, what to change, what to record next."""
+        """Whether the ripple is above its limit, where the resonance is, what to record next."""
         if r.fit.misfit:
             return misfit("a drive of this kind fits this record", r.fit.misfit)
-        at = f"{r.more.operating:.4g} rad/s ({r.more.operating * 30 / math.pi:.4g} rpm)"
-        gap, ends = f["away"], [f[name] for name in ("avoid_from", "avoid_to")]
+        gap = f["away"]
         side = f"{gap._replace(value=abs(gap.value)).brief()} {'below' if gap.value > 0 else 'above'} the operating speed"
-        ripple = Judgement(
+        return [
+            self.ripple_below_limit(f["tau2"], r.more.operating),
+            Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
+            next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
+        ]
+
+    def ripple_below_limit(self, tau2: Figure, speed: float) -> Judgement:
+        """Return whether a torque ripple is below its limit at a speed [rad/s]."""
+        at = f"{speed:.4g} rad/s ({speed * 30 / math.pi:.4g} rpm)"
+        return Judgement(
             f"torque ripple below its limit at {at}",
-            f["tau2"],
+            tau2,
             most=self.torque_ripple_limit,
             yes=f"{at} is safe for torque",
             no=f"Avoid {at} for its torque",
             note=self.default_rating_note,
         )
-        return [
-            ripple,
-            Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
-            *(
-                [Judgement("avoid speeds", note=f"{ends[0].brief()} to {ends[1].brief()}")]
-                if all(end.error is not None for end in ends)
-                else []
-            ),
-            *(
-                Judgement(
-                    f"at the limit, and no further, with a change of {name} by", f[f"change_{key}"]
-                )
-                for name, key in CHANGED.items()
-                if ripple.answer is not Holds.YES and f[f"change_{key}"].error is not None
-            ),
-            next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
-        ]
+
+    def probe(self, context: Context, found: Findings) -> Probe:
+        """The orbit of the drive found, whose ripple has the interval of the fit."""
+        drive = found.data.more
+        if found.data.fit.misfit:
+            return super().probe(context, found)
+
+        def judge(o: Question, of_orbit: Findings) -> list[Judgement]:
+            assert isinstance(o, DriveOrbit)
+            return [self.ripple_below_limit(drive.torque_ripple(o, of_orbit.figures), o.nu)]
+
+        return Probe(drive.orbit(self, context), judge, SLIDERS)
 
     def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:
         """Each column measured, fitted and what is between them; the resonance curve with its band; the
@@ -229,12 +228,11 @@ def band(o: Identify, f: Mapping[str, Figure], r: Fitted) -> Chart:
         Mark.of("resonance", f["nu_res"]),
         Mark(r.more.operating, f"operating speed {r.more.operating:.4g} rad/s"),
     ]
-    spans = [Span(a.value, b.value, "avoid", "red") for a, b in r.more.edges if a.error and b.error]
     return Chart(
         "Torque ripple of the fitted machine, with its 95 % band",
         "operating speed [rad/s]",
         [Panel("torque ripple", "N.m", [curve], [limit], (0.0,))],
         marks,
-        spans,
+        [],
         SecondUnit("rpm", 30 / math.pi),
     )

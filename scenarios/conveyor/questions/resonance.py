@@ -43,6 +43,7 @@ from workbench.charts.model import Span
 from workbench.figure import figure_of_figures, listed, scaled
 from workbench.live import Live
 from workbench.options import check_fixed_starts
+from workbench.question import Probe
 
 from .. import classical, motion
 from ..drive_orbits import Drive
@@ -136,9 +137,10 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         """Where the limit of the torque ripple comes from, if neither a rated torque nor a nameplate is given."""
         return "" if self.nameplate else super().default_rating_note
 
-    def probe(self) -> Resonance:
+    def probe(self, context: Context, found: Findings) -> Probe:
         """The operating speed alone, without a sweep."""
-        return replace(self, speeds=(self.speed or OPERATING[self.set],), theory=FIRST_ORDER)
+        speed = self.speed or OPERATING[self.set]
+        return Probe(replace(self, speeds=(speed,), theory=FIRST_ORDER))
 
     def solve(self, context: Context) -> Findings:
         """Sweep the speed, locate the features of the response, and judge the operating speed.
