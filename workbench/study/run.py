@@ -115,7 +115,9 @@ def work(
     Its outcomes have a status, and an answer with names, units and reasons, values and errors of the figures, and warnings.
     """
     fmus = study.project.fmus(study.question, flavour or study.project.flavour(study.question))
-    return partial(rows, study.question.locator, fmus, finds=_finds(study, fmus)), study.cases()
+    return partial(
+        rows, study.question.locator, fmus, finds=_finds(study, fmus), judged=study.judgements
+    ), study.cases()
 
 
 def _finds(study: Study, fmus: Mapping[str, Path]) -> dict[str, Find]:
