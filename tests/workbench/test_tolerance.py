@@ -45,7 +45,7 @@ def test_the_share_is_that_of_the_distribution_and_its_interval_that_of_the_beta
     )  # 0.9 to 1.1, of which three quarters fit
     assert lines[0].startswith("The beam fits")
     low, high = (100 * beta.ppf(q, a, b) for q, a, b in ((0.025, 48, 17), (0.975, 49, 16)))
-    assert lines[1] == f"The beam fits: yes in 48 of 64 machines ({low:.2g} to {high:.2g} %)"
+    assert lines[1] == f"The beam fits: yes in 48 of 64 machines ({low:.2g} % to {high:.2g} %)"
     assert lines[2] == "Length: 1 m" or lines[2].startswith("Length: 1")
     assert (tmp_path / "out" / "tolerances" / "table.csv").exists()
 

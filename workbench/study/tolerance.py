@@ -18,7 +18,7 @@ from cosim.errors import pluralize
 from ..answer import Answer, Show
 from ..charts.model import Chart, Mark, Panel
 from ..files import remove, replacement
-from ..judgement import WHOLE, Judgement, bounded, capital
+from ..judgement import Judgement, bounded, capital, share_text
 from ..options import parse_starts
 from ..project import Project
 from ..run import JUDGED
@@ -118,9 +118,9 @@ def share_line(judgement: Judgement, flags: Any) -> str:
     """Return for how many machines a judgement is yes, with the interval of the share; what is not known may be either."""
     number, yes, unknown = len(flags), int((flags == 1.0).sum()), int(np.isnan(flags).sum())
     low, high = interval(yes, number)[0], interval(yes + unknown, number)[1]
-    share = f"{WHOLE * low:.2g} to {WHOLE * high:.2g} %"
+    share = f"{share_text(low)} to {share_text(high)}"
     if low <= 0.0 or high >= 1.0:
-        share = f"at most {WHOLE * high:.2g} %" if low <= 0.0 else f"at least {WHOLE * low:.2g} %"
+        share = f"at most {share_text(high)}" if low <= 0.0 else f"at least {share_text(low)}"
     near = f"; not determined in {unknown}" if unknown else ""
     return capital(
         f"{judgement.what}: yes in {yes} of {pluralize(number, 'machine')} ({share}{near})"
