@@ -99,11 +99,11 @@ class RecordFit:
     unit: str = "1"
 
     def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
-        """RecordFit one question's system after the other."""
+        """Fit one question's system after the other."""
         return [self.findings(o, context) for o in asked]
 
     def findings(self, o: Any, context: Context) -> Findings:
-        """RecordFit, and say what follows, or refuse all figures."""
+        """Fit, and say what follows, or refuse all figures."""
         guess: Guess = o.guess(context)
         fit = o.identify(guess.system, guess.record, guess.free, **guess.settings)
         more: dict[str, Any] = dict(guess.facts)

@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+import cosim
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
 from cosim.system import connect
 
 from .answer import Findings, Table, parameters
+from .context import captured_log_warnings
 from .dimensions import check_unit, conversion, known_units
-from .figure import Figure, NamedFigures, checked_figures, figure_of_figures, scaled
+from .figure import ROUNDING, Figure, NamedFigures, checked_figures, figure_of_figures, scaled
 from .formula import DOTTED, Formula, with_formulas
 from .live import Number, Reader
 from .live.declare import UNIT_OF_COLUMN
@@ -35,11 +38,52 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class Run:
-    """A run of each system of a question, whose errors are those of three step sizes."""
+    """A run of each system of a question, whose errors are those of three step sizes, or of other refinements.
+
+    Attributes
+    ----------
+    finer : sequence of mappings
+        Options and start values of runs that show the error, as formulas of those of the question, such as twice the rows
+        and half a tolerance; each adds twice what it changes. All numbers are then read from plain runs.
+    """
+
+    finer: Sequence[Mapping[str, str | float]] = ()
 
     def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
         """Run and certify the systems of one question after the other."""
         return [answer(o, context) for o in asked]
+
+
+def refined(
+    o: Any,
+    context: Context,
+    values: Mapping[str, float],
+    metrics: Mapping[str, Metric],
+    derive: Any,
+) -> tuple[Result, dict[str, Figure]]:
+    """Return a plain run, and metrics of it; the errors are those that finer runs show."""
+    runs = []
+    for changes in ({}, *o.method.finer):
+        new = {name: Formula.read(text)(values) for name, text in changes.items()}
+        start = {name: new.pop(name) for name in changes if "." in name}
+        options = {name: type(getattr(o, name))(x) for name, x in new.items()}
+        other = replace(o, start={**o.start, **start}, **options)
+        how = other.run_options()
+        with captured_log_warnings() if changes else nullcontext():
+            run = cosim.run(other.system(context.fmus), stop=how.stop, step=how.step)
+        runs.append(derive(run))
+    figures = {}
+    for name, metric in metrics.items():
+        value, *others = [metric_of(run, metric) for run in runs]
+        error = ROUNDING * abs(value) + 2 * sum(abs(value - x) for x in others)
+        unit = metric.unit(runs[0].units[metric.columns[0]])
+        figures[name] = Figure(value, unit or "1", error)
+    return runs[0], figures
+
+
+def metric_of(result: Result, metric: Metric) -> float:
+    """Return a metric of one run."""
+    return float(metric(*map(result.solution, metric.columns))[0])
 
 
 def answer(o: Any, context: Context) -> Findings:
@@ -96,19 +140,18 @@ def require_starts(o: Any, systems: Collection[System]) -> None:
 def certify(o: Any, system: System, context: Context, csv: str) -> tuple[Result, dict[str, Figure]]:
     """Return the result of a system, processed, and its figures with their errors."""
     results: list[Result] = []
-    texts: dict[str, str] = {}
-    for x in o.numbers:
-        if isinstance(x.value, Reader):
-            is_of_column = x.value.kind in UNIT_OF_COLUMN
-            texts.setdefault(x.value.column, x.unit if is_of_column else "1")
     given = parameters(system) if o.numbers else {}
     numbers = {n: float(x.value) for n, x in given.items() if isinstance(x.value, int | float)}
     values = {**numbers, **o.values}
+    texts: dict[str, str] = {}
     metrics: dict[str, Metric] = {}
     for x in o.numbers:
-        if isinstance(x.value, Reader | Metric):
-            value = x.value.metric(values) if isinstance(x.value, Reader) else x.value
-            metrics[x.name] = value
+        read = x.value
+        if isinstance(read, Reader):
+            texts.setdefault(read.column, x.unit if read.kind in UNIT_OF_COLUMN else "1")
+            metrics[x.name] = read.metric(values)
+        elif isinstance(read, Metric):
+            metrics[x.name] = read
 
     def derive(result: Result) -> Result:
         results.append(o.process(result))
@@ -119,10 +162,13 @@ def certify(o: Any, system: System, context: Context, csv: str) -> tuple[Result,
 
     has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
     own = {"figures": figures} if o.overrides("figures") else {}
-    result, certified = context.certify(
-        system, {**metrics, **own}, o.run_options(), recorded(o, system), csv,
-        derive=derive if o.overrides("process") or has_formulas else None,
-    )  # fmt: skip
+    if o.method.finer:
+        result, certified = refined(o, context, values, metrics, derive)
+    else:
+        result, certified = context.certify(
+            system, {**metrics, **own}, o.run_options(), recorded(o, system), csv,
+            derive=derive if o.overrides("process") or has_formulas else None,
+        )  # fmt: skip
     units = (results[0] if results else result).units
     for x in o.numbers:
         figure = certified[x.name] if x.name in metrics else follows(x, certified, values)

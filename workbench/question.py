@@ -379,6 +379,8 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     check_attributes(question, where)
     if question.solve is not Question.solve or not isinstance(question.method, Run):
         return question
+    if question.method.finer and question.figures is not Question.figures:
+        raise SetupError(f"{where}: with finer runs, figures are numbers = (...)")
     if question.figures is Question.figures and not question.numbers:
         raise SetupError(
             f"{where}: {question.__name__} must have numbers, or define figures(self, r) or solve(self, context)"

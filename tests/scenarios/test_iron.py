@@ -106,6 +106,17 @@ def test_iron_bounce_reports_what_the_reference_integrates(v: float) -> None:
     )
 
 
+def test_bounces_that_never_end_change_the_flight_by_no_more_than_its_error() -> None:
+    """The time that is cut off falls as the speed at which bounces end, 1 mm/s by default."""
+    stated, endless = (
+        ask("iron_bounce", speeds="80rpm", samples=360, start=[f"iron.follower.v={v!r}"]).figures
+        for v in (1e-3, 1e-8)
+    )
+    change = abs(stated["flight"].value - endless["flight"].value)
+    assert 1e-6 < change <= stated["flight"].error < 2 * change
+    assert endless["flight"].error < 1e-7
+
+
 def test_the_widest_gap_of_iron_bounce_lies_between_rows() -> None:
     """At this speed a row is the widest with 720 rows and with twice as many."""
     stated, wanted = (

@@ -35,8 +35,9 @@ from workbench import (
     option,
 )
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
-from workbench.figure import figure_of_figures
+from workbench.figure import figure_of_figures, scaled
 from workbench.live import LiveMotion
+from workbench.method import metric_of
 
 from ..motion import live_motion
 
@@ -154,53 +155,39 @@ class SpeedStep(Question, RunOptions):
         What the last turn still changes, taken as a geometric series with the change of the turn before, is what may
         follow. A motion that changes by more than STEADY is not steady, and has no such figures.
         """
-        top, at = f["mean_max"], f["mean_max_time"]
-        natural, changed = natural_frequencies(r), dict[str, Figure]()
-        rests = changes_left(r)
-        too_short = f"the load turns less than three times up to {self.stop:g} s; a longer --stop shows more"
+        top, at, rests = f["mean_max"], f["mean_max_time"], changes_left(r)
+        longer = f"up to {self.stop:g} s; a longer --stop shows"
+        too_short = f"the load turns less than three times {longer} more"
+        refused = {}
         if top.error is None:
             if not rests:
-                changed = {
-                    name: Figure.undetermined(x.unit, too_short, x.meaning)
-                    for name, x in {"mean_max": top, "mean_max_time": at}.items()
-                }
+                refused = dict.fromkeys(("mean_max", "mean_max_time"), too_short)
         elif top.value <= (1.0 + LEAST_OVERSHOOT) * self.speed:
-            changed["mean_max_time"] = Figure.undetermined(
-                "s", "the mean does not overshoot", at.meaning
-            )
+            refused["mean_max_time"] = "the mean does not overshoot"
         elif at.value == r["time"][-1] or at.error is None:
-            why = f"{STILL_RISES} at {self.stop:g} s"
-            changed["mean_max_time"] = Figure.undetermined("s", why, at.meaning)
-        mean, ripple, order = (f[name] for name in ("mean", "ripple", "ripple_order"))
-        ripple = ripple._replace(value=ripple.value / 2, error=ripple.error and ripple.error / 2)
-        changed |= natural
-        meaning = "frequency of this order"
+            refused["mean_max_time"] = f"{STILL_RISES} at {self.stop:g} s"
+        ripple = scaled(f["ripple"], 0.5, f["ripple"].unit, f["ripple"].meaning)
+        steady = {"mean": f["mean"], "ripple": ripple, "ripple_order": f["ripple_order"]}
         if not rests or max(rests) > STEADY * self.speed:
             not_steady = f"the motion is not steady at {self.stop:g} s; a longer --stop shows whether it gets so"
-            why = not_steady if rests else too_short
-            refused = {"mean": mean, "ripple": ripple, "ripple_order": order}
-            frequency = Figure.undetermined("Hz", why, meaning)
-            return changed | {
-                **{
-                    name: Figure.undetermined(x.unit, why, x.meaning) for name, x in refused.items()
-                },
-                "ripple_frequency": frequency,
-            }
-        mean, ripple = (
-            x._replace(error=None if x.error is None else x.error + rest)
-            for x, rest in zip((mean, ripple), rests)
-        )
-        if ripple.error is not None and ripple.value < LEAST_RIPPLE * mean.value:
-            order = Figure.undetermined(order.unit, "there is no ripple", order.meaning)
-        frequency = figure_of_figures(
-            lambda order, mean: order * mean / TURN, order, mean, unit="Hz", meaning=meaning
-        )
-        return changed | {
-            "mean": mean,
-            "ripple": ripple,
-            "ripple_order": order,
-            "ripple_frequency": frequency,
+            refused |= dict.fromkeys(steady, not_steady if rests else too_short)
+        elif ripple.value < LEAST_RIPPLE * f["mean"].value:
+            refused["ripple_order"] = "there is no ripple"
+        for name, rest in zip(("mean", "ripple"), rests):
+            if (error := steady[name].error) is not None:
+                steady[name] = steady[name]._replace(error=error + rest)
+        steady |= {
+            name: Figure.undetermined(f[name].unit, why, f[name].meaning)
+            for name, why in refused.items()
         }
+        frequency = figure_of_figures(
+            lambda order, mean: order * mean / TURN,
+            steady["ripple_order"],
+            steady["mean"],
+            unit="Hz",
+            meaning="frequency of this order",
+        )
+        return natural_frequencies(r) | steady | {"ripple_frequency": frequency}
 
     def judgements(self, f: Mapping[str, Figure], r: Result) -> list[Judgement]:
         """How the load reaches its speed, what is left at the end, and what that takes."""
@@ -255,18 +242,15 @@ class SpeedStep(Question, RunOptions):
 
 def changes_left(r: Result) -> list[float]:
     """What mean and ripple of a turn may still change; empty where the load turns less than three times."""
-    w, phi = r.solution("load.w"), r.solution("load.phi")
+    phi = r.solution("load.phi")
     ends = [float(r["time"][-1]), last_turn(phi, 1), last_turn(phi, 2)]
     if math.isnan(last_turn(phi, 3)):
         return []
-    turns = [
-        [
-            scale * float(LastTurn(kind("load.w"), over="load.phi", end=end)(w, phi)[0])
-            for kind, scale in ((Mean, 1.0), (Swing, 0.5))
-        ]
-        for end in ends
-    ]
-    return [remaining_change(*values) for values in zip(*turns)]
+    changes = []
+    for kind, scale in ((Mean, 1.0), (Swing, 0.5)):
+        turns = (LastTurn(kind("load.w"), over="load.phi", end=end) for end in ends)
+        changes.append(scale * remaining_change(*(metric_of(r, x) for x in turns)))
+    return changes
 
 
 def remaining_change(last: float, before: float, first: float) -> float:

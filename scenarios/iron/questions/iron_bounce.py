@@ -10,19 +10,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import cosim
 from cosim import Result, System
-from cosim.metrics import largest
 from workbench import (
     Chart,
     Context,
     Curve,
     Figure,
-    Findings,
     Judgement,
     Mark,
     Number,
@@ -30,38 +29,23 @@ from workbench import (
     Question,
     Reader,
     RunChart,
+    RunOptions,
     RunPanel,
     Show,
     Slider,
     Table,
     option,
 )
-from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
-from workbench.figure import ROUNDING, figure_of_figures, scaled
+from workbench.figure import scaled
 from workbench.judgement import Holds
 from workbench.live import REVOLUTION, Live, LiveMotion, drawn, moved
+from workbench.method import Run, metric_of
 
 from .. import machine as iron
 from .. import motion
 
-#: Turns of a run, of which the last two show whether they repeat; a convention.
-TURNS = 3
-#: By how many times slower the impacts are at which bounces end, in the run that shows the error; a convention.
-FINER = 4
 TABLE = "iron_bounce.csv"
-UNITS = {
-    "nu": "rad/s", "flight": "s", "landings": "1", "gap": "rad", "speed": "m/s", "impulse": "N.s",
-    "loss": "J",
-}  # fmt: skip
-MEANINGS = {
-    "flight": "time off the cam per turn",
-    "landings": "landings per turn",
-    "gap": "largest angle of the rocker from contact with the cam",
-    "speed": "speed of the hardest landing, along the normal",
-    "impulse": "impulse of the hardest landing",
-    "loss": "energy lost in the landings per turn",
-}
 AXES = {
     "flight": ("off the cam", LIFT, 1e3, "ms"),
     "gap": ("gap of the rocker", FORCE, 180 / math.pi, "deg"),
@@ -73,17 +57,9 @@ UNLIKE = "one turn is not like the next"
 HIDDEN = "several landings fall between two rows; more samples are needed to separate them"
 
 
-class Flight(NamedTuple):
-    """A turn at a speed, in the words of UNITS; whether no harder landing hides between two rows."""
-
-    nu: float
-    flight: float
-    landings: float
-    gap: float
-    speed: float
-    impulse: float
-    loss: float
-    are_distinct: bool
+def of_turn(kind: str, output: str) -> Reader:
+    """Return a reader of the last turn of the cam."""
+    return Reader(kind, f"iron.{output}", REVOLUTION, angle="iron.phi")
 
 
 class IronBounce(Question):
@@ -96,16 +72,27 @@ class IronBounce(Question):
     speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
     stiffness: float = option("10000N/mm", "stiffness of the contact", "N/m", above=0.0)
     samples: int = option(1440, "rows per turn", least=360)
+    turns: int = option(3, "turns from rest of the follower, of which the last is read", least=2)
 
     numbers = (
-        Number("flight", Reader("change", "iron.t_flight", REVOLUTION)),
-        Number("landings", Reader("change", "iron.landings", REVOLUTION)),
-        Number("gap", Reader("max", "iron.gap", REVOLUTION)),
-        Number("speed", Reader("max", "iron.v_landing", REVOLUTION)),
-        Number("impulse", Reader("max", "iron.S_landing", REVOLUTION)),
-        Number("loss", Reader("change", "iron.E_landing", REVOLUTION)),
-        Number("force", "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))"),
+        Number("flight", of_turn("change", "t_flight"), meaning="time off the cam per turn"),
+        Number("landings", of_turn("change", "landings"), meaning="landings per turn"),
+        Number("gap", of_turn("max", "gap"), meaning="largest angle of the rocker from contact with the cam"),
+        Number("speed", of_turn("max", "v_landing"), meaning="speed of the hardest landing, along the normal"),
+        Number("impulse", of_turn("max", "S_landing"), meaning="impulse of the hardest landing"),
+        Number("loss", of_turn("change", "E_landing"), meaning="energy lost in the landings per turn"),
+        Number(
+            "force", "sqrt(stiffness * figures.speed * figures.impulse / (1 + iron.follower.e))", "N",
+            "force of the hardest landing on a contact of that stiffness",
+        ),
     )  # fmt: skip
+    #: The error is that of bounces which end sooner, of rows, and of a turn more, which another step does not show.
+    method = Run(
+        finer=(
+            {"samples": "2 * samples", "iron.follower.v": "iron.follower.v / 4"},
+            {"turns": "turns + 1"},
+        )
+    )
     charts = (
         RunChart(
             "The last of three turns",
@@ -135,51 +122,48 @@ class IronBounce(Question):
         "iron.follower.lifts": 1,
     }
 
-    def solve(self, context: Context) -> Findings:
-        """A sweep; and one speed, again with twice the rows and bounces that end four times as slow.
+    def system(self, fmus: Mapping[str, Path]) -> System:
+        """Return the drive at constant speed, from phi = 0, with a follower that may lift off."""
+        return with_flight(System(fmus, start=self.start), self.speed)
 
-        This replaces the single certified run, because the error is that of bounces which end sooner, and a run
-        with another step does not show it.
+    def run_options(self) -> RunOptions:
+        """Return those of the turns."""
+        period = 2 * math.pi / self.speed
+        return RunOptions(stop=self.turns * period, step=period / self.samples)
+
+    def more_runs(self, context: Context, system: System) -> Sweep:
+        """Sweep the speed, and run two turns for the limit."""
+        plain = System(context.fmus, start=self.start)
+        run = partial(last_turn, plain, self.samples, self.turns)
+        rows = context.each(run, self.speeds, "speeds", probes=True)
+        return Sweep(plain, context.record_rows(TABLE, UNITS, rows), iron.limits(plain))
+
+    def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
+        """Return what is refused where a turn is not like the one before, or landings are not told apart, and the limit.
+
+        Each landing is at least 1/e as hard as the next one. Bounces that end slower make more landings, so that their
+        number is one of these ends, and has no error.
         """
-        system = System(context.fmus, start=self.start)
-        e, v = (float(parameters(system)[f"iron.follower.{x}"].value) for x in ("e", "v"))
-        flights = context.each(
-            partial(last_flight, system, self.samples), self.speeds, "speeds", probes=True
-        )
-        table = context.record_rows(TABLE, UNITS, (flight[:-1] for flight in flights))
-        result = turns_with_flight(system, self.samples, self.speed)
-        before, now = (
-            flight(result, self.samples, self.speed, turn) for turn in (TURNS - 2, TURNS - 1)
-        )
-        finer = replace(system, start={**system.start, "iron.follower.v": v / FINER})
-        other = last_flight(finer, 2 * self.samples, self.speed)
-        reason = "" if now.are_distinct else HIDDEN
-        if now.landings != before.landings:
+        result, rate = r[0], 1 + self.samples
+        landed, v = result["iron.landings"], result["iron.v_landing"][-rate:]
+        new, before = (np.diff(landed[end - rate : end]) for end in (len(landed), 1 - rate))
+        e = result.provenance["parts"]["iron"]["parameters"]["follower.e"]
+        several = v[1:][new > 1]
+        reason = HIDDEN if (several > e * v[1:][new > 0].max(initial=0.0) / 2).any() else ""
+        if new.sum() != before.sum():
             reason = UNLIKE
-        figures = {x: y for x, y in iron.limits(system).items() if x.startswith("follower")}
-        for name, meaning in MEANINGS.items():
-            x, earlier, fine = (getattr(turn, name) for turn in (now, before, other))
-            error = abs(x - earlier) + 2 * abs(x - fine) + ROUNDING * x
-            if name == "landings":  # of which slower ends make more
-                error = 0.0
-            figures[name] = (
-                Figure.undetermined(UNITS[name], reason, meaning)
-                if reason
-                else Figure(x, UNITS[name], error, meaning)
-            )
-        figures["force"] = (
-            figure_of_figures(  # on a spring, sqrt(c m) v, with the mass that has this impulse
-                lambda v, S: np.sqrt(np.maximum(0.0, self.stiffness * v * S / (1.0 + e))),
-                figures["speed"],
-                figures["impulse"],
-                unit="N",
-                meaning="force of the hardest landing on a contact of that stiffness",
-            )
-        )
-        figures["cycles"] = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-        turn = result.select(slice((TURNS - 1) * self.samples, None))
-        step, data = f"{self.samples} steps in a turn", (turn, system, table)
-        return Findings(figures, data, system, result.provenance, step, tables={TABLE: table})
+        turn = {x.name: f[x.name] for x in self.numbers}
+        if reason:
+            turn = {x: Figure.undetermined(y.unit, reason, y.meaning) for x, y in turn.items()}
+        else:
+            turn["landings"] = f["landings"]._replace(error=0.0)
+        limits = {x: y for x, y in r[1].limits.items() if x.startswith("follower")}
+        cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
+        return {**limits, **turn, "cycles": cycles}
+
+    def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
+        """Return the sweep."""
+        return {TABLE: r[1].table}
 
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
         """Whether the follower stays on its cam at the speed, and what it does if not."""
@@ -204,10 +188,10 @@ class IronBounce(Question):
         )
         return [stays, *(Judgement(f[name].meaning, f[name]) for name in ("flight", *landing))]
 
-    def show(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Show:
+    def show(self, f: Mapping[str, Figure], r: Data) -> Show:
         """A turn with its landings, the sweep, and the mechanism in motion."""
-        turn, _, table = r
-        phi = np.degrees(turn["iron.phi"]) - 360.0 * (TURNS - 1)
+        turn, table = self.turn(r), r[1].table
+        phi = np.degrees(turn["iron.phi"]) - 360.0 * (self.turns - 1)
         hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
         chart = drawn(self.charts[0], turn, angle="iron.phi")
         panels = list(chart.panels)
@@ -229,41 +213,49 @@ class IronBounce(Question):
         ]
         return Show(charts, [moved(self.motion(f, r), turn)])
 
-    def motion(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> LiveMotion:
+    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
         """The mechanism."""
-        return motion.live_motion("The mechanism in this turn", *r[:2], 4.0, REVOLUTION)
+        return motion.live_motion(
+            "The mechanism in this turn", self.turn(r), r[1].system, 4.0, REVOLUTION
+        )
 
-    def live(self, f: Mapping[str, Figure], r: tuple[Result, System, Table]) -> Live:
-        """The last of three turns at the speed of the slider, as `turns_with_flight` has them."""
+    def turn(self, r: Data) -> Result:
+        """Return the last turn."""
+        return r[0].select(slice((self.turns - 1) * self.samples, None))
+
+    def live(self, f: Mapping[str, Figure], r: Data) -> Live:
+        """The last of the turns at the speed of the slider."""
         warns = {} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}
         return self.page(
-            f, r, start=self.start_values | warns, stop=f"{TURNS} * 2 * pi / speed", step="2 * pi / (speed * samples)",
+            f, r, start=self.start_values | warns, stop="turns * 2 * pi / speed", step="2 * pi / (speed * samples)",
             angle="iron.phi",
         )  # fmt: skip
 
 
-def turns_with_flight(system: System, samples: int, speed: float) -> Result:
-    """Turns at constant speed [rad/s], from phi = 0, with a follower that may lift off."""
+class Sweep(NamedTuple):
+    """What stands beside the turns: the drive as it is, the sweep, the speeds at which something lets go."""
+
+    system: System
+    table: Table
+    limits: Mapping[str, Figure]
+
+
+Data = tuple[Result, Sweep]
+UNITS = {
+    "nu": "rad/s", "flight": "s", "landings": "1", "gap": "rad", "speed": "m/s", "impulse": "N.s",
+    "loss": "J",
+}  # fmt: skip
+
+
+def with_flight(system: System, speed: float) -> System:
+    """Return the drive at a constant speed [rad/s], from phi = 0, with a follower that may lift off."""
     turning = iron.imposed(system, speed)
-    turning = replace(turning, start={**turning.start, "iron.follower.lifts": True})
-    h = 2 * math.pi / (speed * samples)
-    return cosim.run(turning, stop=h * samples * TURNS, step=h)
+    return replace(turning, start={**turning.start, "iron.follower.lifts": True})
 
 
-def last_flight(system: System, samples: int, speed: float) -> Flight:
-    """The last of these turns."""
-    return flight(turns_with_flight(system, samples, speed), samples, speed, TURNS - 1)
-
-
-def flight(r: Result, samples: int, speed: float, turn: int) -> Flight:
-    """What a turn tells. Each landing is at least 1/e as hard as the next one."""
-    rows = slice(turn * samples, (turn + 1) * samples + 1)
-    names = ("t_flight", "landings", "E_landing", "gap", "v_landing", "S_landing")
-    t, n, E, gap, v, S = (r[f"iron.{name}"][rows] for name in names)
-    new = np.diff(n)
-    hardest, impulse = (float(x[1:][new > 0].max(initial=0.0)) for x in (v, S))
-    e = r.provenance["parts"]["iron"]["parameters"]["follower.e"]
-    are_distinct = not (v[1:][new > 1] > e * hardest / 2).any()
-    flight_time, landings, loss = (float(x[-1] - x[0]) for x in (t, n, E))
-    widest = largest(r["time"][rows], gap)
-    return Flight(speed, flight_time, landings, widest, hardest, impulse, loss, are_distinct)
+def last_turn(system: System, samples: int, turns: int, speed: float) -> list[float]:
+    """Return a row of the sweep: the speed [rad/s], and what the last of these turns has."""
+    period = 2 * math.pi / speed
+    run = cosim.run(with_flight(system, speed), stop=turns * period, step=period / samples)
+    read = [x.value.metric({}) for x in IronBounce.numbers if isinstance(x.value, Reader)]
+    return [speed, *(metric_of(run, metric) for metric in read)]

@@ -9,7 +9,7 @@ mass of an iron that was weighed. A record that no drive of this kind fits is re
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 import cosim
-from cosim import Identified, SetupError, System
-from cosim.dense import Array as Samples
+from cosim import Identified, Result, SetupError, System
 from cosim.system import Value
 from workbench import (
     Chart,
@@ -108,7 +107,6 @@ class IronIdentify(Question, RecordOptions):
 
     def follow(self, context: Context, guess: Guess, fit: Identified) -> Followed:
         """Return what follows from the fit, and records like this one, from rest, and with steps of the supply."""
-        machine = drive(fit, fit.start_values)
         records = further_records(
             fit,
             STATES,
@@ -117,7 +115,7 @@ class IronIdentify(Question, RecordOptions):
             steps={"a step of the supply to 120 %": 1.2, "a step of the supply to half": 0.5},
             torque={TORQUE: FORESEEN * self.rated_torque},
         )
-        return Followed(figures(fit, machine), friction, records)
+        return Followed(figures(fit), friction, records)
 
     def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
         """What was found, how far the record is from the lift-off, and what to record next."""
@@ -187,25 +185,29 @@ def friction(v: Mapping[str, float]) -> float:
     return (up - down) / (up + down)
 
 
-def figures(fit: Identified, machine: System) -> dict[str, Figure]:
-    """Friction, what it takes, the speed where the follower lifts off, and how far the record is from it."""
+def slow_turns(fit: Identified) -> Callable[[Mapping[str, float]], Result]:
+    """Return a function that gives a slow turn of the drive with values, each once."""
 
     @cache
-    def turned(start: tuple[tuple[str, Value], ...]) -> tuple[float, Figure]:
-        system = replace(machine, start=dict(start))
-        loss = iron.turn(system, 1.0, SAMPLES)["iron.E_friction"][-1]
-        return float(loss), iron.limits(system)["follower_limit"]
+    def turn(start: tuple[tuple[str, Value], ...]) -> Result:
+        return iron.turn(replace(fit.problem.system, start=dict(start)), 1.0, SAMPLES)
 
-    def of_drive(v: Mapping[str, float]) -> tuple[float, Figure]:
-        return turned(tuple(drive(fit, v).start.items()))
+    return lambda v: turn(tuple(drive(fit, v).start.items()))
 
-    mean = mean_cam_speed(fit)
-    limit = figure_of(fit.interval(lambda v: of_drive(v)[1].value, "rad/s"))
-    at_rows = of_drive(fit.start_values)[1].error or 0.0
+
+def figures(fit: Identified) -> dict[str, Figure]:
+    """Friction, what it takes, the speed where the follower lifts off, and how far the record is from it."""
+
+    def lift_off(v: Mapping[str, float]) -> Figure:
+        return iron.limits(drive(fit, v))["follower_limit"]
+
+    mean, turn = mean_cam_speed(fit), slow_turns(fit)
+    limit = figure_of(fit.interval(lambda v: lift_off(v).value, "rad/s"))
+    at_rows = lift_off(fit.start_values).error or 0.0
     limit = limit._replace(error=(limit.error or 0.0) + at_rows)
     return {
         "mu": figure_of(fit.interval(friction, "1")),
-        "loss": figure_of(fit.interval(lambda v: of_drive(v)[0], "J")),
+        "loss": figure_of(fit.interval(lambda v: float(turn(v)["iron.E_friction"][-1]), "J")),
         "follower_limit": limit,
         "away": figure_of_figures(lambda x: 100.0 * (x / mean - 1.0), limit, unit="%"),
     }
@@ -219,18 +221,13 @@ def mean_cam_speed(fit: Identified) -> float:
 
 def slow_torque_chart(fit: Identified) -> Chart:
     """The torque that turns the cam slowly, with the band of its interval."""
-    machine = drive(fit, fit.start_values)
+    turn = slow_turns(fit)
 
-    @cache
-    def torque(start: tuple[tuple[str, Value], ...]) -> tuple[Samples, Samples]:
-        turn = iron.turn(replace(machine, start=dict(start)), 1.0, SAMPLES)
-        return np.degrees(turn["iron.phi"]), turn["iron.tau_cam"]
+    def torque(k: int, v: Mapping[str, float]) -> float:
+        return float(turn(v)["iron.tau_cam"][k])
 
-    def at(k: int, v: Mapping[str, float]) -> float:
-        return float(torque(tuple(drive(fit, v).start.items()))[1][k])
-
-    phi = torque(tuple(machine.start.items()))[0]
-    each: list[Any] = [fit.interval(partial(at, k), "N.m") for k in range(len(phi))]
+    phi = np.degrees(turn(fit.start_values)["iron.phi"])
+    each: list[Any] = [fit.interval(partial(torque, k), "N.m") for k in range(len(phi))]
     curve = Curve(
         "slow cam", phi, [x.value for x in each], RED, "line", [x.error for x in each]
     )  # fmt: skip

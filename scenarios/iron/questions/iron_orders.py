@@ -278,12 +278,13 @@ def figures(machine: MeasuredDrive, orders: Frame, runs: Frame) -> dict[str, Fig
                 meaning="damping ratio of the ripple",
             ),
         }
+        why = ""
         if mine["added"].head(2).isna().any():  # an error of the coupling needs two step sizes
             why = "there is no steady motion with half the steps where the lag adds most"
-            of_lag["added"] = Figure.undetermined("%", why, share)
         elif not len(mine):
             moves = orders[orders["T"] == T]["added"].notna().any()
             why = f"{NO_ORDER if moves else 'there is no steady motion'} at any speed of the sweep"
+        if why:
             of_lag["added"] = Figure.undetermined("%", why, share)
         else:
             at = next(mine.itertuples())

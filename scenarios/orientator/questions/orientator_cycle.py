@@ -155,30 +155,23 @@ class OrientatorCycle(Question, RunOptions):
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
-        oriented, after = bool(f["oriented"].value), f"after {f['orientation_time'].brief()}"
+        oriented = bool(f["oriented"].value)
         wall = Judgement(
             "the wall pushes at all times, as a real one must", f["wall_least"], least=0.0
         )
-        claim = "the product is oriented by a wall that only pushes"
-        turned = Judgement(
-            claim,
-            f["orientation_time"],
-            is_so=False,
-            no="The product is not oriented",
-            note=ending(r[0]),
+        pulls = (
+            "The product is oriented only if its wall can pull on the cup, which a real wall cannot"
         )
-        if oriented:  # all that is left to know is the wall's force
-            is_so = {Holds.YES: True, Holds.NO: False}.get(wall.answer or Holds.OPEN)
-            no = "The product is oriented only if its wall can pull on the cup, which a real wall cannot"
-            turned = Judgement(
-                claim,
-                f["wall_least"],
-                least=0.0,
-                is_so=is_so,
-                yes="The product is oriented",
-                no=no,
-                note=after,
-            )
+        is_so = {Holds.YES: True, Holds.NO: False}.get(wall.answer or Holds.OPEN)
+        turned = Judgement(  # once it is oriented, all that is left to know is the wall's force
+            "the product is oriented by a wall that only pushes",
+            f["wall_least" if oriented else "orientation_time"],
+            least=0.0 if oriented else -np.inf,
+            is_so=is_so if oriented else False,
+            yes="The product is oriented",
+            no=pulls if oriented else "The product is not oriented",
+            note=f"after {f['orientation_time'].brief()}" if oriented else ending(r[0]),
+        )
         return [
             turned,
             wall,
