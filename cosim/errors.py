@@ -47,4 +47,4 @@ class RunError(RuntimeError):
 
 def pluralize(number: int, noun: str) -> str:
     """The number and the noun in a message: "1 row", "2 rows"."""
-    return f"{number} {noun}{'s' * (number != 1)}"
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

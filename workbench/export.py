@@ -81,11 +81,12 @@ def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
             pictures.append(f"{answer.scenario}{f'_{number}' if number > 1 else ''}.gif")
             with replacement(folder / pictures[-1]) as fresh:
                 gif(fresh, motion)
+        written = [*answer.tables, f"{answer.scenario}.json", *answer.files, *pictures]
         if find_spec("plotly"):
             with replacement(folder / PAGE) as fresh:
                 report(answer, fresh)
-        data = [*answer.tables, f"{answer.scenario}.json", *answer.files]
-        return [*data, *pictures, *[PAGE] * bool(find_spec("plotly"))]
+            written.append(PAGE)
+        return written
 
 
 def content(answer: Answer) -> dict[str, Any]:

@@ -126,11 +126,12 @@ class Judgement:
         """Return the figure, its bounds and how much of them it takes, "16.2 of 62.5 N.m (26 %)"."""
         answer = self.answer
         decisive = [x for x in self.also if x.answer is answer]
-        own = self.measured() if self.is_so is None and self._of_figure() is answer else ""
         if answer is Holds.OPEN:
-            own = f"because {self.why_open}"
-            decisive = []
-        return ", ".join([*[own] * bool(own), *(f"{x.what} {x.measured()}" for x in decisive)])
+            return f"because {self.why_open}"
+        parts = [f"{x.what} {x.measured()}" for x in decisive]
+        if self.is_so is None and self._of_figure() is answer:
+            parts.insert(0, self.measured())
+        return ", ".join(part for part in parts if part)
 
     def measured(self) -> str:
         """Return the figure and its bounds."""

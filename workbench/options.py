@@ -130,7 +130,7 @@ class Option:
         if self.kind is str and isinstance(value, os.PathLike):
             value = os.fspath(value)
         if self.choices and value not in self.choices:
-            start = "; a start value of an FMU is given with --start" * ("=" in str(raw))
+            start = "; a start value of an FMU is given with --start" if "=" in str(raw) else ""
             raise SetupError(
                 f"{key} = {quoted(raw)} must be one of {', '.join(self.choices)}{start}"
             )
@@ -181,7 +181,8 @@ class Option:
         return [float(match[1]) * scale for match in matches]
 
     def _expected(self) -> str:
-        return f"be a number{' in ' * bool(self.unit)}{' or '.join(multiples(self.unit))}"
+        units = " or ".join(multiples(self.unit))
+        return f"be a number in {units}" if self.unit else "be a number"
 
     def _checked(self, value: Any, key: str) -> Any:
         """The value, unless it is not finite or out of bounds."""

@@ -130,7 +130,7 @@ def _placed(
     if math.isnan(at):
         at, length = 0.5, right - left
     for anchor in sides:
-        first = at - length * (anchor == "right")
+        first = at - (length if anchor == "right" else 0.0)
         if left <= first <= right - length:
             return _Placed(text, at, first, first + length, anchor)
     middle = max(min(at, right - length / 2), left + length / 2)

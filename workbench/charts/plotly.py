@@ -149,7 +149,8 @@ def element_traces(element: Element) -> list[PlotlyDict]:
 def _line(line: Line) -> PlotlyDict:
     """A line, points, or both."""
     rows = thinned(line.y)
-    modes = ["lines"] * (line.width_px > 0.0) + ["markers"] * (line.marker_px > 0.0)
+    sizes = {"lines": line.width_px, "markers": line.marker_px}
+    modes = [mode for mode, size in sizes.items() if size > 0.0]
     return {
         **_named(line), "mode": "+".join(modes), "x": numbers(line.x[rows]), "y": numbers(line.y[rows]),
         "line": {
