@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import functools
 import html
 import json
 import os
@@ -25,6 +26,7 @@ from .table_file import TableFile, facts_path, read_file
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Rows = NDArray[np.float64]
@@ -230,27 +232,24 @@ class Result(Series):
         Figure
             A figure of matplotlib.
         """
-        from .picture import Picture
+        from .picture import panels
 
         names = self.names[1:] if names is None else names
         names = [names] if isinstance(names, str) else list(names)
-        axes_of = list(dict.fromkeys(self.units.get(name, "") for name in names))
-        figure = Picture(figsize=(9, 1.2 + 2.2 * len(axes_of)), layout="constrained")
-        axes = figure.subplots(len(axes_of), sharex=True, squeeze=False)[:, 0]
-        for axis, unit in zip(axes, axes_of):
+        names_of: dict[str, list[str]] = {}
+        for name in names:
+            names_of.setdefault(self.units.get(name, ""), []).append(name)
+
+        def draw(names: Sequence[str], axis: Axes) -> None:
             for name in names:
-                if self.units.get(name, "") == unit:
-                    axis.plot(self["time"], self[name], label=name, linewidth=1)
-            axis.set_ylabel(unit or "1")
-            axis.grid(alpha=0.3)
-            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-        axes[-1].set_xlabel("time / s")
+                axis.plot(self["time"], self[name], label=name, linewidth=1)
+
+        figure = panels([(unit, functools.partial(draw, own)) for unit, own in names_of.items()])
         ran = self.provenance
         ended = "" if ran["status"] == "complete" else f" ({ran['status']})"
         title = f"{ran['algorithm']}, {ran['communication']}{ended}"
-        axes[0].set_title(title, fontsize="small", loc="left")
-        if path is not None:
-            figure.savefig(path, dpi=150)
+        figure.axes[0].set_title(title, fontsize="small", loc="left")
+        figure.write(path)
         return figure
 
 

@@ -293,6 +293,7 @@ def _read_text(
     beyond = np.flatnonzero(frame[count].notna())
     if len(beyond):
         raise ValueError(f"row {beyond[0] + 2} has more cells than the heading")
+    frame = frame[: int(np.flatnonzero(frame.notna().any(axis=1)).max(initial=-1)) + 1]
     named = [k for k, (name, _) in enumerate(split) if name or frame[k].notna().any()]
     loaded = [_values(frame[k], mark) for k in named]
     return TableFile([split[k] for k in named], loaded.__getitem__, facts)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -140,17 +141,10 @@ class Comparison:
 
     def plot(self, path: Path | str | None = None) -> Figure:
         """A panel per column: both curves, the band and the rows outside; `path` also writes a file."""
-        from ..picture import Picture
+        from ..picture import panels
 
-        number = len(self.columns)
-        figure = Picture(figsize=(9, 1.0 + 2.2 * number), layout="constrained")
-        axes = figure.subplots(number, sharex=True, squeeze=False)[:, 0]
-        for axis, column in zip(axes, self.columns):
-            _draw(axis, column, np.linspace(self.start, self.stop, PLOT_POINTS))
-        axes[-1].set_xlabel("time / s")
-        if path is not None:
-            figure.savefig(path, dpi=150)
-        return figure
+        t = np.linspace(self.start, self.stop, PLOT_POINTS)
+        return panels([(c.unit, partial(_draw, column=c, t=t)) for c in self.columns], path)
 
 
 def compare(
@@ -341,6 +335,3 @@ def _draw(axis: Axes, column: Deviation, t: Rows) -> None:
         where = column.outside
         axis.plot(column.t[where], column.y[where], ".", color="C3", markersize=3, label="outside")
     axis.set_xlim(t[0], t[-1])
-    axis.set_ylabel(column.unit or "1")
-    axis.grid(alpha=0.3)
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")

@@ -200,8 +200,7 @@ class Linear:
         axes[1].set_xlabel("angular frequency / (rad/s)")
         axes[2].set_xlabel("time / s")
         axes[0].set_title(f"{input} to {output}", fontsize="small", loc="left")
-        if path is not None:
-            figure.savefig(path, dpi=150)
+        figure.write(path)
         return figure
 
     def __repr__(self) -> str:

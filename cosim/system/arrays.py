@@ -64,7 +64,7 @@ class Scalars:
     def _elements(self, declared: Declared) -> Sequence[Variable]:
         """The elements, states before their derivatives."""
         common = self._common(declared)
-        names = _element_names(declared.name, common["shape"])
+        names = element_names(declared.name, common["shape"])
         starts: Sequence[str | None] = [declared.attributes.get("start")]
         if self._declarations.is_fmi3:
             starts = _starts(declared, len(names))
@@ -110,7 +110,7 @@ class Scalars:
         """The elements of a variable of FMI 3.0 by another name of it."""
         name, text = alias.get("name"), alias.get("description")
         family: list[Variable] = []
-        names = _element_names(name, self.shapes.get(name, ()))
+        names = element_names(name, self.shapes.get(name, ()))
         for own, element in zip(names, self.elements_of(declared)):
             description = text or element.description
             family.append(replace(element, name=own, family=family, description=description))
@@ -158,7 +158,7 @@ def _require_countable(shapes: dict[str, tuple[int, ...]]) -> None:
             )
 
 
-def _element_names(name: str, shape: Sequence[int]) -> list[str]:
+def element_names(name: str, shape: Sequence[int]) -> list[str]:
     """The names of the elements of an array, x[1,1], x[1,2]; of a scalar its own."""
     if not shape:
         return [name]

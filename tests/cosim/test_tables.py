@@ -67,6 +67,7 @@ def test_every_reader_understands_the_same_headings(tmp_path: Path) -> None:
         ("sep=;\nt;x\n0;1\n0,5;2\n1;3\n", [1.0, 2.0, 3.0]),
         ("t,x,\n0,1,\n0.5,2,\n1,3,\n", [1.0, 2.0, 3.0]),
         ("t , x \n0 , 1 \n0.5, 2\n1, 3\n", [1.0, 2.0, 3.0]),
+        ("t,x\n0,1\n0.5,2\n1,3\n,\n , \n", [1.0, 2.0, 3.0]),
     ],
 )
 def test_decimal_commas_stated_separators_and_blanks_are_read(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, ClassVar
 
@@ -26,12 +27,11 @@ from .causes import Cause
 from .signals import SignalJudgement, Verdict
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Panels of a picture: a convention, what fits a page.
 MOST_PANELS = 8
-#: Width of a picture, height of what is around its panels, and of a panel [inch]: conventions of all pictures of results.
-WIDTH, FRAME_HEIGHT, PANEL_HEIGHT = 9.0, 1.0, 2.2
 #: Dots per inch of a picture: a convention of printers, halved.
 RESOLUTION = 150
 #: A reduction of a difference from which on its size does not matter to a reader: a convention.
@@ -207,26 +207,20 @@ class RefereeReport(ReportFile):
 
     def plot(self, path: Path | str | IO[bytes] | None = None) -> Figure:
         """Plot the signals beside the reference, the worst first; `path` also writes the picture."""
-        from ...picture import Picture
+        from ...picture import panels
 
         signals = sorted(self.signals, key=_severity, reverse=True)[:MOST_PANELS]
-        size = (WIDTH, FRAME_HEIGHT + PANEL_HEIGHT * max(1, len(signals)))
-        figure = Picture(figsize=size, layout="constrained")
-        axes = figure.subplots(max(1, len(signals)), sharex=True, squeeze=False)[:, 0]
-        for axis, s in zip(axes, signals):
-            low, high = (s.reference + sign * (s.allowed + s.errors) for sign in (-1.0, 1.0))
-            axis.fill_between(s.t, low, high, color="0.85", linewidth=0, label="allowed")
-            axis.plot(s.t, s.reference, color="0.4", linewidth=1, label="reference")
-            axis.plot(s.t, s.values, color=COLORS[s.verdict], linewidth=1, label=s.name)
-            if math.isfinite(s.since):
-                axis.axvline(s.since, color="0.4", linewidth=0.5, linestyle="--")
-            axis.set_ylabel(s.unit or "1")
-            axis.grid(alpha=0.3)
-            axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-        axes[-1].set_xlabel("time / s")
-        if path is not None:
-            figure.savefig(path, dpi=RESOLUTION)
-        return figure
+        return panels([(s.unit, partial(_draw, s)) for s in signals], path)
+
+
+def _draw(s: SignalJudgement, axis: Axes) -> None:
+    """A signal in a panel, with the reference and what is allowed around it."""
+    low, high = (s.reference + sign * (s.allowed + s.errors) for sign in (-1.0, 1.0))
+    axis.fill_between(s.t, low, high, color="0.85", linewidth=0, label="allowed")
+    axis.plot(s.t, s.reference, color="0.4", linewidth=1, label="reference")
+    axis.plot(s.t, s.values, color=COLORS[s.verdict], linewidth=1, label=s.name)
+    if math.isfinite(s.since):
+        axis.axvline(s.since, color="0.4", linewidth=0.5, linestyle="--")
 
 
 def _because(cause: Cause | None) -> str:

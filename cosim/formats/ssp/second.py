@@ -5,22 +5,21 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from copy import deepcopy
-from itertools import product
 from math import prod
 from typing import Any, NamedTuple
 
 from lxml.etree import QName
 
 from ...errors import SetupError
-from ...system.arrays import CLASSIC_TYPES
-from ...system.declarations import WIDTHS
+from ...system.arrays import CLASSIC_TYPES, element_names
+from ...system.declarations import WIDTHS, fits
 
 Element = Any
 Shape = tuple[int, ...]
 CLOCK = "{http://ssp-standard.org/SSP1/SystemStructureDescription}Clock"
 
-#: A convention of XML Schema: the width in bits of xs:int, which SSP 1.0 has for every Integer.
-INT_BITS = 32
+#: A convention of XML Schema: the type that is xs:int, which SSP 1.0 has for every Integer.
+XS_INT = "Int32"
 
 #: Derived from what a package may have: as many elements of arrays as it may have connectors and values.
 MOST_ELEMENTS = 1_000_000
@@ -88,7 +87,7 @@ def _expand_connectors(root: Element, name: str) -> dict[tuple[Element, str], Sh
         shapes[connector.getparent().getparent(), connector.get("name")] = shape
         _replace(
             connector,
-            [_copy_with_subscript(connector, subscript) for subscript in _subscripts(shape)],
+            [_copy_with_subscript(connector, subscript) for subscript in element_names("", shape)],
         )
     return shapes
 
@@ -107,7 +106,7 @@ def _expand_connection(
         if indices:
             subscripts.append([f"[{','.join(indices)}]"])
         else:
-            subscripts.append([""] if shape is None else list(_subscripts(shape)))
+            subscripts.append([""] if shape is None else element_names("", shape))
         sizes.append(str(() if indices or shape is None else shape))
     if sizes[0] != sizes[1]:
         ends = " and ".join(connection.get(f"{end}Connector") for end in ("start", "end"))
@@ -153,7 +152,7 @@ def _expand_parameter(parameter: Element, name: str) -> None:
             f"for {prod(shape)} elements"
         )
     copies: list[Element] = []
-    for subscript, text in zip(_subscripts(shape), texts):
+    for subscript, text in zip(element_names("", shape), texts):
         copies.append(_copy_with_subscript(parameter, subscript))
         inner = next(copies[-1].iterchildren("*"))
         inner[:] = []
@@ -170,12 +169,6 @@ def _take_shape(element: Element, name: str) -> Shape | None:
             raise SetupError(f"{where}: a Dimension without a size as a number is not supported")
         element.remove(dimension)
     return tuple(int(d.get("size")) for d in dimensions) if dimensions else None
-
-
-def _subscripts(shape: Shape) -> Iterator[str]:
-    """The indices of all elements, from 1 and the last one first to move, as in names of FMI 3.0."""
-    for index in product(*(range(1, size + 1) for size in shape)):
-        yield f"[{','.join(map(str, index))}]"
 
 
 def _copy_with_subscript(element: Element, subscript: str) -> Element:
@@ -196,11 +189,9 @@ def _take_out_wide_numbers(root: Element, name: str) -> Iterator[TooWide]:
         text = element.get("value", "")
         if not re.fullmatch(r"\s*[+-]?[0-9]{1,20}\s*", text):
             continue
-        bits, signed = WIDTHS[QName(element).localname]
-        lowest, highest = (-(2 ** (bits - 1)), 2 ** (bits - 1)) if signed else (0, 2**bits)
-        if not lowest <= int(text) < highest:
+        if not fits(int(text), QName(element).localname):
             where = f"{name}, line {element.sourceline}: {element.getparent().get('name')}"
             raise SetupError(f"{where} = {text} is outside the range of {QName(element).localname}")
-        if not -(2 ** (INT_BITS - 1)) <= int(text) < 2 ** (INT_BITS - 1):
+        if not fits(int(text), XS_INT):
             element.set("value", "0")
             yield TooWide(element, text)
