@@ -164,7 +164,7 @@ MUTANTS = (
            "cosim/accuracy/limit.py", "UNCONFIRMED_FACTOR = 3.0", "UNCONFIRMED_FACTOR = 0.3",
            "tests/cosim/test_limit.py tests/cosim/test_certify.py"),
     Mutant("master: a jump of an input within a step is no break",
-           "cosim/engine/driver.py", "                    breaks.append(broken)", "                    pass",
+           "cosim/engine/driver.py", "                breaks.append(broken)", "                pass",
            "tests/cosim/test_columns.py tests/cosim/test_inputs.py"),
     Mutant("ensemble: each member has the rows of the one before",
            "cosim/ensemble.py", "self.rows[k, : self.counts[k]]", "self.rows[k - 1, : self.counts[k]]",

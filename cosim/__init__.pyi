@@ -24,8 +24,8 @@ from .engine.algorithms import ALGORITHMS as ALGORITHMS
 from .engine.algorithms import CONVERGENCE_ORDERS as CONVERGENCE_ORDERS
 from .engine.control import Adaptive as Adaptive
 from .engine.settings import RunSettings as RunSettings
+from .engine.snapshot import Case as Case
 from .engine.snapshot import SystemState as SystemState
-from .ensemble import Case as Case
 from .ensemble import Ensemble as Ensemble
 from .errors import FmuError as FmuError
 from .errors import SetupError as SetupError

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .dense import MOST_POINTS, Curves
 from .engine.energy import balance
-from .engine.snapshot import SystemState
+from .engine.snapshot import Case
 from .errors import SetupError
 from .metrics import Metric
 from .names import only
@@ -25,14 +25,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Case:
-    """Start values of one run, over those of the system, or the state of a paused run to `begin` with: not both."""
-
-    start: Mapping[str, Value] = field(default_factory=dict)
-    begin: SystemState | None = None
 
 
 @dataclass(frozen=True)

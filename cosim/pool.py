@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from .child import GRACE, child, death, progress_sender
 from .engine.settings import RunSettings
+from .engine.setup import Setup
 from .ensemble import NO_CASES, Cases, Ensemble
 from .errors import SetupError
 from .fmu.messages import log
-from .series import TIME, Column
+from .series import Column
 from .system import System, connect
 from .worker import CLOSING, NOBODY, Batch, Chunk, Evaluate, Worker
 
@@ -169,16 +170,15 @@ def _start(batch: Batch) -> Job:
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
         task = Task(batch.evaluate, columns)
-        arguments = (_serve, member, batch.network.system, batch.settings, task)
+        arguments = (_serve, member, batch.setup.network.system, batch.setup.settings, task)
         process, pipe = stack.enter_context(child(*arguments, grace_seconds=GRACE))
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
             f"this system cannot be given to another process: {error}; functions of inputs must "
             "be at the top of a module"
         ) from error
-    recorded = (TIME, *(port.column for port in batch.settings.ports(batch.network)))
     chunk = batch.waiting.pop(0)
-    job = Job(process, pipe, member, chunk, recorded, stack)
+    job = Job(process, pipe, member, chunk, batch.setup.columns, stack)
     job.give(chunk)
     return job
 
@@ -205,9 +205,9 @@ def _serve(
     progress = progress_sender(pipe)
     with suppress(BrokenPipeError, EOFError, ConnectionResetError):
         try:
-            network = connect(system)
-            cases = Cases.of(task.columns, network)
-            worker = Worker(network, settings, member)
+            setup = Setup(connect(system), settings)
+            cases = Cases.of(task.columns, setup.network)
+            worker = Worker(setup, member)
             pipe.send(("ready", None))
             while (chunk := pipe.recv()) is not None:
                 block = task.evaluate(worker, cases, chunk, progress)

@@ -6,8 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,20 +16,19 @@ from .engine.control import Adaptive
 from .engine.process_guard import ProcessGuard
 from .engine.row_file import RowFile
 from .engine.settings import RunSettings, StepAndStop
-from .engine.snapshot import LiveState, Stretch, SystemState
+from .engine.setup import Setup
+from .engine.snapshot import Case, LiveState, Stretch, SystemState
 from .engine.system_instance import SystemInstance, is_reset_trusted
-from .ensemble import Case, Cases, Ensemble, Numbers, joined
+from .ensemble import Cases, Ensemble, Numbers, joined
 from .errors import FmuError, SetupError, pluralize
 from .fmu.messages import quiet
 from .pool import in_processes
-from .requirements import require_begin, require_pause, require_runnable, require_step_and_stop
 from .result import Interrupted, Result, SimulationError
-from .series import TIME, Column
 from .signals import collect_interrupts
 from .simulation import Simulation
 from .system import Network, System, connect
 from .threads import available_cores, in_order, in_threads
-from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker, with_case
+from .worker import MOST_IN_CHUNK, Batch, Chunk, Evaluate, Worker
 
 NO_CASE = Case()
 #: Memory for the rows of a chunk of members [bytes]. Chosen: what a chunk costs besides its members is a thousandth.
@@ -85,16 +83,16 @@ class Paused(NamedTuple):
 class Prepared:
     """A system that has been checked, with how it is run; instances of its FMUs are used again."""
 
-    def __init__(self, network: Network, settings: RunSettings, stack: ExitStack) -> None:
-        self.network, self.settings = network, settings
+    def __init__(self, setup: Setup, stack: ExitStack) -> None:
+        self.setup = setup
         self._stack, self._workers = stack, list[Worker]()
-        self._instance = SystemInstance(network, settings)
+        self._instance = SystemInstance(setup)
         stack.callback(self._instance.close)
 
-    @cached_property
-    def columns(self) -> tuple[Column, ...]:
-        """What a run records, the time first."""
-        return (TIME, *(port.column for port in self.settings.ports(self.network)))
+    @property
+    def network(self) -> Network:
+        """The system that has been checked."""
+        return self.setup.network
 
     @classmethod
     @contextmanager
@@ -106,12 +104,9 @@ class Prepared:
         SetupError
             For a system or settings that cannot be run.
         """
-        network = connect(system)
-        if settings.tolerance is None and isinstance(settings.step, Adaptive):
-            settings = replace(settings, tolerance=settings.step.tolerance)
-        require_runnable(network, settings)
+        setup = Setup.of(connect(system), settings)
         with ExitStack() as stack:
-            yield cls(network, settings, stack)
+            yield cls(setup, stack)
 
     def run(
         self,
@@ -156,12 +151,10 @@ class Prepared:
         progress: Callable[[float], None] | None,
         all_rows: Path | None,
     ) -> tuple[Result, SystemState | None]:
-        network, state = with_case(self.network, case), None
-        if case.begin is not None:
-            require_begin(network, self.settings, case.begin)
+        setup, state = self.setup.with_case(case), None
         if until is not None:
-            begin = self.settings.start if case.begin is None else case.begin.time
-            require_pause(network, self.settings, begin, until)
+            begin = setup.settings.start if case.begin is None else case.begin.time
+            setup.require_pause(begin, until)
         began, instance = clock.perf_counter(), self._instance
         with collect_interrupts() as interrupts, ExitStack() as stack:
             instance.process = ProcessGuard()
@@ -171,7 +164,7 @@ class Prepared:
                 stack.callback(file.close)
             stretch = Stretch(case.begin, math.inf if until is None else until, file)
             path = None if csv is None else Path(csv).absolute()
-            instance.begin(network, self.settings, case.begin)
+            instance.begin(setup, case.begin)
             simulation = Simulation(instance, began, csv=path, stretch=stretch)
             result = simulation.run(interrupts, progress)
             ran = result.provenance
@@ -193,7 +186,7 @@ class Prepared:
     def try_begin(self) -> None:
         """Bring instances to the start; raises SetupError."""
         try:
-            self._instance.begin(self.network, self.settings)
+            self._instance.begin(self.setup)
         finally:
             self._instance.close()
 
@@ -252,7 +245,7 @@ class Prepared:
         jobs = (available_cores() if self._is_threaded() else 1) if how.jobs is None else how.jobs
         with quiet(), collect_interrupts() as interrupts:
             batch = Batch(
-                self.network, self.settings, cases, self._chunks(cases, how, jobs), jobs,
+                self.setup, cases, self._chunks(cases, how, jobs), jobs,
                 how.progress or (lambda _: None), interrupts, how.timeout, how.evaluate or Worker.run,
             )  # fmt: skip
             if not how.isolated and jobs == 1:
@@ -268,7 +261,7 @@ class Prepared:
     def _workers_for(self, batch: Batch) -> list[Worker]:
         """A worker for each job, which lives until the context ends."""
         while len(self._workers) < batch.jobs:
-            worker = Worker(self.network, self.settings)
+            worker = Worker(self.setup)
             self._stack.callback(worker.close)
             self._workers.append(worker)
         for worker in self._workers:
@@ -284,7 +277,7 @@ class Prepared:
 
     def _chunks(self, cases: Cases, how: How, jobs: int) -> list[Chunk]:
         """The members in pieces of equally many rows that fit into memory, at least one for each job."""
-        n, settings = cases.members, self.settings
+        n, settings = cases.members, self.setup.settings
         steps = [settings.step] * n if how.steps is None else list(how.steps)
         stops = [settings.stop] * n if how.stops is None else list(how.stops)
         for name, values in (("steps", steps), ("stops", stops)):
@@ -299,7 +292,8 @@ class Prepared:
         chunks = []
         for (of_each, _), members in groups.items():
             most = min(
-                MOST_IN_CHUNK, int(how.share * CHUNK_BYTES / (8 * of_each * len(self.columns)))
+                MOST_IN_CHUNK,
+                int(how.share * CHUNK_BYTES / (8 * of_each * len(self.setup.columns))),
             )
             most = max(1, min(most, -(-len(members) // jobs)))
             for first in range(0, len(members), most):
@@ -309,13 +303,13 @@ class Prepared:
 
     def _group_key(self, span: StepAndStop) -> tuple[int, str]:
         """About how many rows a member has, and its steps if they are adaptive; raises SetupError for what makes no run."""
-        settings = replace(self.settings, step=span.step, stop=span.stop)
-        if settings != self.settings:
-            require_step_and_stop(self.network, settings)
+        output_step = self.setup.settings.output_step
+        setup = self.setup.with_span(*span, output_step)
+        settings = setup.settings
         if isinstance(span.step, Adaptive):
             return FEW_ROWS, repr(span.step)
         every = settings.steps_per_row()
-        if every is None and settings != self.settings:
+        if every is None and setup is not self.setup:
             raise SetupError(
                 f"step = {span.step!r} s: rows must be a multiple of it apart, not {settings.output_step!r} s"
             )

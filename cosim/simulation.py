@@ -40,7 +40,7 @@ class Simulation:
         self.instance, self._began = instance, began
         self.setup = run_setup(instance) if setup is None else setup
         self.recorder = Recorder(instance.row.recorded, csv, self.setup)
-        self.driver = Driver(instance, instance.settings, self.recorder, stretch=stretch)
+        self.driver = Driver(instance, instance.setup.settings, self.recorder, stretch=stretch)
         self.status, self.reason = "failed", "stopped by an error outside the FMUs"
 
     def run(
@@ -82,17 +82,17 @@ class Simulation:
         """All warnings, but those of bonds."""
         instance = self.instance
         parts = instance.parts.values()
-        warnings = list(instance.network.flaw_texts())
+        warnings = list(instance.setup.network.flaw_texts())
         warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
         warnings += instance.process.warnings
-        if not instance.ports:
+        if not instance.setup.ports:
             warnings.append("no FMU has an output to record: the rows contain only the time")
         return warnings
 
     def state(self, system_start: Mapping[str, Value]) -> SystemState:
         """The state where the driver has come to, of a system with these start values but for the case; raises FmuError."""
         instance, driver = self.instance, self.driver
-        settings, begin = instance.settings, instance.state
+        settings, begin = instance.setup.settings, instance.state
         is_told = any(part.instance.session.is_told_stop for part in instance.parts.values())
         stop_told = settings.stop if settings.stop_time_defined or is_told else math.inf
         start, step = settings.start, settings.step
@@ -100,8 +100,8 @@ class Simulation:
             stop_told, start = min(stop_told, begin.stop_told), begin.start
         return SystemState(
             driver.t, start, stop_told, None if isinstance(step, Adaptive) else step,
-            dict(instance.network.system.start), dict(system_start), self.setup["tolerance"],
-            inputs_before(instance.network, driver.t), driver.broken_until,
+            dict(instance.setup.network.system.start), dict(system_start), self.setup["tolerance"],
+            inputs_before(instance.setup.network, driver.t), driver.broken_until,
             {name: part_state(part) for name, part in instance.parts.items()}, driver.memory,
         )  # fmt: skip
 
@@ -127,20 +127,20 @@ class Simulation:
                 driver.add_end_row(end.reached)
             self.recorder.flush()
             return "complete", f"{end}; the last row is at t = {driver.t!r} s"
-        is_before_stop = driver.is_paused and driver.t < self.instance.settings.stop
+        is_before_stop = driver.is_paused and driver.t < self.instance.setup.settings.stop
         return "complete", f"paused at t = {driver.t!r} s" if is_before_stop else ""
 
 
 def run_setup(instance: SystemInstance) -> dict[str, Any]:
     """What is run, complete enough to run it again: the first entries of the JSON file beside the rows."""
-    network, settings, begin = instance.network, instance.settings, instance.state
+    network, settings, begin = instance.setup.network, instance.setup.settings, instance.state
     system = network.system
-    tolerance = settings.tolerance if begin is None else begin.tolerance
+    tolerance = settings.told_tolerance if begin is None else begin.tolerance
     begun = {} if begin is None else {"begin": {"time": begin.time, "start": begin.start}}
     return {
         "algorithm": settings.algorithm,
         "communication": settings.stepping_text(),
-        "order": instance.sequence,
+        "order": instance.setup.sequence,
         "input_order": settings.input_order,
         "substeps": settings.substeps,
         "start": settings.start if begin is None else begin.time,

@@ -140,7 +140,7 @@ class _Runs:
 
     def __init__(self, worker: Worker, cases: Cases, chunk: Chunk) -> None:
         self._worker, self._cases, self._chunk = worker, cases, chunk
-        self.system, plan = worker.network.system, worker.settings
+        self.system, plan = worker.setup.network.system, worker.setup.settings
         self.settings: dict[str, Any] = {
             "start": plan.start,
             "stop": plan.stop,
@@ -250,7 +250,7 @@ def sweep(
     plan = RunSettings(**{**settings, "record": columns})
     with Prepared.open(system, plan) as prepared:
         read = Cases.of(cases, prepared.network)
-        recorded = {column.name: column for column in prepared.columns}
+        recorded = {column.name: column for column in prepared.setup.columns}
         for metric in figures.values():
             metric.check(recorded, plan.start, plan.stop)
         identity = _identity(prepared.network, plan, read, wanted)

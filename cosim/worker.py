@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import time as clock
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,15 +13,13 @@ import numpy as np
 from .engine.control import Adaptive
 from .engine.energy import NOTICEABLE, energies, is_noticeable
 from .engine.process_guard import ProcessGuard
-from .engine.settings import RunSettings, StepAndStop
-from .engine.snapshot import SystemState
+from .engine.settings import StepAndStop
+from .engine.setup import Setup
 from .engine.system_instance import SystemInstance
-from .ensemble import Array, Case, Cases, Ensemble, Facts, Numbers
+from .ensemble import Array, Cases, Ensemble, Facts, Numbers
 from .errors import SetupError
-from .series import TIME
 from .simulation import Simulation, run_setup
-from .system import Network, Value, connect, declared_start
-from .system.start_values import checked_start
+from .system import Value
 
 #: Members of a chunk. Chosen: of members without rows, it is the work of a tenth of a second.
 MOST_IN_CHUNK = 4096
@@ -61,8 +59,7 @@ class Batch:
     longest time that a worker in another process may be silent [s]; `evaluate` is what a worker does with a chunk.
     """
 
-    network: Network
-    settings: RunSettings
+    setup: Setup
     cases: Cases
     waiting: list[Chunk]
     jobs: int
@@ -92,57 +89,12 @@ class Member:
     facts: Facts | None = None
 
 
-def with_case(network: Network, case: Case) -> Network:
-    """A checked system with other start values, or those of a state; raises SetupError for those that it cannot have."""
-    if not isinstance(case, Case):
-        raise SetupError(
-            f"a run takes a Case, not a {type(case).__name__}: write Case(start) for start values by name, "
-            "or Case(begin=state) for the state that run_until hands out"
-        )
-    if case.begin is not None:
-        if not isinstance(case.begin, SystemState):
-            raise SetupError(
-                "begin must be the state that run_until hands out: write begin=paused.state"
-            )
-        if case.start:
-            names = ", ".join(case.start)
-            raise SetupError(
-                f"a case has start values or a begin, and this one has both: leave out start ({names}), "
-                "since the state brings all values"
-            )
-        theirs, ours = (", ".join(sorted(x)) for x in (case.begin.parts, network.descriptions))
-        if theirs != ours:
-            raise SetupError(f"the state has the parts {theirs}; this system has {ours}")
-        return _with_start_values_of(network, case.begin)
-    if not case.start:
-        return network
-    return connect(replace(network.system, start={**network.system.start, **case.start}))
-
-
-def _with_start_values_of(network: Network, state: SystemState) -> Network:
-    """The system with the start values of a state; raises SetupError for one of its own that the state does not have."""
-    begun = connect(replace(network.system, start=state.start_values))
-    begun_with = {port.name: value for port, value in begun.start}
-    for name, value in network.system.start.items():
-        port, ours = checked_start(network, network.port(name), value)
-        theirs = begun_with.get(port.name, declared_start(port.variable))
-        if ours == theirs or state.system_start.get(name) == value:
-            continue
-        change = f"changes=['at {state.time!r} s {name} = {value!r}']"
-        can_change = port.variable.causality == "input" or port.variable.variability == "tunable"
-        raise SetupError(
-            f"{name} = {ours!r} in the system, and {theirs!r} at the start of the run that handed the state out: "
-            f"leave it out{f', or change it with {change}' if can_change else ''}"
-        )
-    return begun
-
-
 @dataclass
 class Alike:
     """What members with the same fixed steps have in common, and what the last of them has said of its run."""
 
-    settings: RunSettings
-    setup: dict[str, Any] | None = None
+    setup: Setup
+    said: dict[str, Any] | None = None
     facts: Facts | None = None
     breaks: Sequence[tuple[float, float]] = ()
 
@@ -154,15 +106,15 @@ class Worker:
     be called any more.
     """
 
-    def __init__(self, network: Network, settings: RunSettings, member: Any = None) -> None:
-        self.network, self.settings = network, settings
+    def __init__(self, setup: Setup, member: Any = None) -> None:
+        self.setup = setup
         self._member = ctypes.c_longlong(NOBODY) if member is None else member
         self.interrupts: Sequence[int] = ()
-        self.columns = (TIME, *(port.column for port in settings.ports(network)))
-        self._instance = SystemInstance(network, settings)
+        self.columns = setup.columns
+        self._instance = SystemInstance(setup)
         self._deadline = 0.0
         self._names: list[str] = []
-        self._begins: Network | None = None
+        self._begins: Setup | None = None
         self._varies_inputs = False
         self._known: dict[tuple[StepAndStop, float | None], Alike] = {}
         self.abandoned = False
@@ -183,9 +135,9 @@ class Worker:
         self._deadline = clock.monotonic() + LONGEST_BLOCK
         if self._names != cases.names:
             self._names, self._begins, self._known = cases.names, None, {}
-            self._varies_inputs = any(p.name in self._names for p, _ in self.network.inputs)
+            self._varies_inputs = any(p.name in self._names for p, _ in self.setup.network.inputs)
         self._instance.process = process = ProcessGuard()
-        values, wrong = cases.checked(self.network, chunk.numbers.tolist())
+        values, wrong = cases.checked(self.setup.network, chunk.numbers.tolist())
         done: list[Member] = []
         told = clock.monotonic()
         for k, row in enumerate(values):
@@ -217,15 +169,16 @@ class Worker:
         self._member.value = number
         try:
             if self._begins is None or self._varies_inputs:
-                self._begins = with_case(self.network, cases.case(number))
-            alike = self._alike(chunk.spans[k], chunk.output_step)
-            instance.begin(self._begins, alike.settings, case=dict(zip(self._names, values)))
+                self._begins = self.setup.with_case(cases.case(number))
+                self._known = {}
+            alike = self._alike(self._begins, chunk.spans[k], chunk.output_step)
+            instance.begin(alike.setup, case=dict(zip(self._names, values)))
         except SetupError as error:
             self.abandoned = instance.is_abandoned
             return Member(self._no_rows, str(error))
-        if alike.setup is None:
-            alike.setup = run_setup(instance)
-        simulation = Simulation(instance, began, setup=alike.setup)
+        if alike.said is None:
+            alike.said = run_setup(instance)
+        simulation = Simulation(instance, began, setup=alike.said)
         simulation.drive(self.interrupts)
         self.abandoned = instance.is_abandoned
         return Member(
@@ -236,13 +189,13 @@ class Worker:
             self._facts(alike, simulation),
         )
 
-    def _alike(self, span: StepAndStop, output_step: float | None) -> Alike:
+    def _alike(self, setup: Setup, span: StepAndStop, output_step: float | None) -> Alike:
         """What is known of members with such fixed steps; of one with others, nothing."""
-        if isinstance(span.step, Adaptive):
-            return Alike(self._settings_of(span, output_step))
         key = span, output_step
+        if isinstance(span.step, Adaptive):
+            return Alike(setup.with_span(*span, output_step))
         if key not in self._known:
-            self._known[key] = Alike(self._settings_of(span, output_step))
+            self._known[key] = Alike(setup.with_span(*span, output_step))
         return self._known[key]
 
     def _facts(self, alike: Alike, simulation: Simulation) -> Facts:
@@ -260,21 +213,10 @@ class Worker:
             alike.breaks = breaks
         return known
 
-    def _settings_of(self, span: StepAndStop, output_step: float | None) -> RunSettings:
-        """Those of a member; the FMUs' tolerance is that of its adaptive steps, unless the user has given one."""
-        step, given = span.step, self.settings.tolerance
-        if isinstance(self.settings.step, Adaptive) and given == self.settings.step.tolerance:
-            given = None
-        if given is None and isinstance(step, Adaptive):
-            given = step.tolerance
-        return replace(
-            self.settings, step=step, stop=span.stop, output_step=output_step, tolerance=given
-        )
-
     def _showing(self, name: str) -> list[tuple[str, str]]:
         """The parameters that show a start value, aliases too, with their part."""
-        port = self.network.port(name)
-        variables = self.network.descriptions[port.part].modelVariables
+        port = self.setup.network.port(name)
+        variables = self.setup.network.descriptions[port.part].modelVariables
         return [
             (port.part, v.name)
             for v in variables

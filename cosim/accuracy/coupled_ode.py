@@ -14,10 +14,11 @@ import numpy as np
 
 from ..engine.changes import discrete_changes
 from ..engine.initialise import WiredParts
-from ..engine.newton import SINGULAR_EXACT, condition, solve_fixed_point
+from ..engine.newton import SINGULAR_EXACT, condition
 from ..engine.part import WiredPart
 from ..engine.row import RowReader
 from ..engine.settings import RunSettings
+from ..engine.settle import settle_wires, solve_loops
 from ..errors import FmuError, SetupError
 from ..fmu.blocks import VariableBlock
 from ..fmu.exchange import Array, EvaluationError, ModelExchange
@@ -236,29 +237,14 @@ class CoupledOde:
             feed.cell[0] = float(
                 feed.profile.at(min(self.t, math.nextafter(self.until, -math.inf)))
             )
-        inputs = [(part, [b for b in part.inputs if is_exchanged(b)]) for part in self.parts]
-        outputs = {p.name: [b for b in p.outputs if is_exchanged(b)] for p in self.parts}
-        for block in chain.from_iterable(outputs.values()):
-            block.move()
-        entered = [list(block.cells) for _, blocks in inputs for block in blocks]
-        changed = False
-        for _ in range(2 + len(self.network.wires)):
-            again = False
-            for part, blocks in inputs:
-                before = [list(block.cells) for block in blocks]
-                part.apply_links()
-                fresh = [b for b, old in zip(blocks, before) if list(b.cells) != old]
-                for block in fresh:
-                    block.move()
-                if fresh:
-                    again = True
-                    for block in outputs[part.name]:
-                        block.move()
-            if not again:
-                return changed
-            changed = True
+        inputs = [block for p in self.parts for block in p.inputs if is_exchanged(block)]
+        entered = [list(block.cells) for block in inputs]
+        sweeps = 2 + len(self.network.wires)
+        taken = settle_wires(self.parts, sweeps, takes=is_exchanged, reads=is_exchanged)
+        if taken is not None:
+            return taken > 0
         self._solve_loops()
-        left = [list(block.cells) for _, blocks in inputs for block in blocks]
+        left = [list(block.cells) for block in inputs]
         return any(
             abs(new - old) > SETTLED * (1.0 + abs(old)) if isinstance(new, float) else new != old
             for before, after in zip(entered, left)
@@ -267,33 +253,18 @@ class CoupledOde:
 
     def _solve_loops(self) -> None:
         """The Real inputs of an algebraic loop, from the exact derivatives; raises FmuError."""
-        blocks = [b for part in self.parts for b in part.inputs if b.real]
-        names = [name for block in blocks for name in block.names]
+        names = [n for part in self.parts for b in part.inputs if b.real for n in b.names]
         index_of = {port.name: k for k, port in enumerate(self.inputs)}
         indices = [index_of[name] for name in names]
-
-        def response(z: Array) -> Array:
-            if not np.isfinite(z).all():
-                raise EvaluationError("the values of an algebraic loop are no longer finite")
-            values = iter(z.tolist())
-            for block in blocks:
-                block.cells[:] = [next(values) for _ in block.cells]
-                block.move()
-            for part in self.parts:
-                for block in part.outputs:
-                    block.move()
-            for part in self.parts:
-                part.apply_links()
-            return np.array([value for block in blocks for value in block.cells])
 
         def derivative() -> Array:
             return np.eye(len(names)) - self.loop_matrix(self.blocks())[np.ix_(indices, indices)]
 
-        guess = np.array([value for block in blocks for value in block.cells])
-        nominal = np.array([size for block in blocks for size in block.nominals()])
-        if worst := solve_fixed_point(
-            response, guess, nominal, names, derivative=derivative, tolerance=SETTLED
-        ):
+        def check(z: Array) -> None:
+            if not np.isfinite(z).all():
+                raise EvaluationError("the values of an algebraic loop are no longer finite")
+
+        if worst := solve_loops(self.parts, check, derivative=derivative, tolerance=SETTLED):
             loops = "; ".join(describe_loop(loop) for loop in algebraic_loops(self.network))
             raise FmuError(
                 f"the algebraic loop was not solved at t = {self.t!r} s, {worst} off: {loops}"

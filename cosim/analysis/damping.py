@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from ..engine.settings import RunSettings
+from ..engine.setup import Setup
 from ..errors import FmuError, SetupError
-from ..requirements import setup_problems
 from ..system import System, connect
-from ..system.graph import stepping_order
 from .linearize import linearize
 from .multipliers import NOISE_MARGIN, Multiplier, Spectrum, step_spectrum
 from .perturbation import PerturbedRuns
@@ -230,15 +229,14 @@ def diagnose(
     """
     network = connect(system)
     settings = RunSettings(start + step, step, start, algorithm, order, input_order)
-    for problem in setup_problems(network, settings):
-        raise SetupError(problem)
+    setup = Setup.of(network, settings)
     if not 0.0 < share < math.inf:
         raise SetupError(f"share = {share!r} must be a finite number above 0")
     if not 0.0 <= settle < math.inf:
         raise SetupError(f"settle = {settle!r} s must be a finite number of at least 0")
     if not any(wire.source.type == "Real" for wire in network.wires):
         raise SetupError("a diagnosis needs a wire that carries a Real")
-    runs = PerturbedRuns(network, settings, stepping_order(network, order), settle)
+    runs = PerturbedRuns(setup, settle)
     try:
         return _diagnose(runs, share)
     except FmuError as failure:
@@ -462,7 +460,7 @@ def _eigenmode(tracker: ModeTracker, model: DampingModel) -> Eigenmode | None:
     motion is too stiff to be followed that far.
     """
     runs = tracker.runs
-    system, start = runs.network.system, runs.settings.start
+    system, start = runs.setup.network.system, runs.settings.start
     times = [runs.settle + share * tracker.span for share in MOMENTS]
     try:
         fastest = np.abs(linearize(system, start=start).eigenvalues).max(initial=0.0)

@@ -22,11 +22,11 @@ from ..engine.control import Adaptive
 from ..engine.driver import Driver
 from ..engine.recorder import Recorder
 from ..engine.settings import RunSettings
+from ..engine.setup import Setup
 from ..engine.snapshot import Snapshot
 from ..engine.sources import InputSource
 from ..engine.system_instance import SystemInstance
 from ..errors import FmuError, SetupError
-from ..system import STATE, Network, parts_without
 
 Array = NDArray[np.float64]
 
@@ -85,16 +85,19 @@ class PerturbedRuns:
 
     Attributes
     ----------
-    network, settings, sequence
-        What is run, how, and in which stepping order; `settings.stop` and `settings.step` do not matter.
+    setup
+        What is run, and how; stop and step of its settings do not matter.
     settle : float
         Time [s] from the start until the first perturbation.
     """
 
-    network: Network
-    settings: RunSettings
-    sequence: Sequence[str]
+    setup: Setup
     settle: float
+
+    @property
+    def settings(self) -> RunSettings:
+        """How it is run."""
+        return self.setup.settings
 
     @property
     def step(self) -> float:
@@ -148,24 +151,23 @@ class _Runner:
         self, experiment: PerturbedRuns, h: float, count: int, gap: int, stack: ExitStack
     ) -> None:
         self.experiment, self.h = experiment, h
-        network = experiment.network
+        network = experiment.setup.network
         ports = list({wire.source.name: wire.source for wire in network.wires}.values())
         self.real = [port for port in ports if port.type == "Real"]
         self.discrete = [p for p in ports if p.type not in ("Real", "String", "Binary")]
         wires = sum(wire.source.type == "Real" for wire in network.wires)
         self.times = math.ceil(MIN_PERTURBATIONS / wires)
         # Values that are handed on from part to part, and nodes of moving inputs, die out in so many steps.
-        self.memory = len(experiment.sequence) * (1 + experiment.settings.input_order) + 1
+        self.memory = len(experiment.setup.sequence) * (1 + experiment.settings.input_order) + 1
         self.count = self.times * gap + self.memory + count
         self.settled_steps = round(experiment.settle / h)
-        self._saves = not parts_without(network.descriptions, STATE)
+        self._saves = not experiment.setup.stateless
         settings = replace(
             experiment.settings,
             stop=experiment.settings.start + (self.settled_steps + self.count) * h,
-            order=experiment.sequence,
             record=[port.name for port in (*self.real, *self.discrete)],
         )
-        self._instance = SystemInstance(network, settings)
+        self._instance = SystemInstance(Setup(network, settings))
         stack.callback(self._instance.close)
         if self._saves:
             self._settle()
@@ -215,7 +217,7 @@ class _Runner:
 
     def _settle(self) -> None:
         """Bring the parts to the time of the first perturbation."""
-        self._instance.begin(self._instance.network, self._instance.settings)
+        self._instance.begin(self._instance.setup)
         if self.settled_steps:
             self._go(-self.settled_steps, 0)
 

@@ -93,11 +93,19 @@ class Adaptive:
 
 
 class EqualSteps(NamedTuple):
-    """So many steps of one size [s] from a time on [s]."""
+    """So many steps of one size [s] from a time on [s], of which the last ends at the stop [s], if they have one."""
 
     begin: float
     size: float
     number: int
+    stop: float | None = None
+
+    def at(self, n: int) -> tuple[float, float]:
+        """When step number n begins, and its size [s]."""
+        t = self.begin + n * self.size
+        if n + 1 < self.number or self.stop is None or t + self.size == self.stop:
+            return t, self.size
+        return t, self.stop - t
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from .control import (
     step_ends_by_energy,
 )
 from .iteration import Iteration
-from .loop import Loop, Steps
+from .loop import Loop
 from .moments import EventDueError, Moments
 from .recorder import IntermediateValues, OutputGrid, Recorder
 from .response import values_after_jump, values_after_probing_steps, values_of_wired_outputs
@@ -72,24 +72,24 @@ class KnownSteps:
             self.stretches = []
         else:
             self.stretches = [EqualSteps(plan.start, plan.step, plan.number())]
+        if self.stretches:
+            self.stretches[-1] = self.stretches[-1]._replace(stop=plan.stop)
         numbers = [0, *accumulate(steps.number for steps in self.stretches)]
         self.firsts, self.count = numbers[:-1], numbers[-1]
 
-    def stretch_of(self, n: int) -> tuple[int, Steps]:
-        """The first step of the stretch that step number n is in, and that stretch for loop.c."""
+    def stretch_of(self, n: int) -> tuple[int, EqualSteps]:
+        """The first step of the stretch that step number n is in, and that stretch."""
         k = bisect_right(self.firsts, n) - 1
-        begin, size, number = self.stretches[k]
-        is_last = k == len(self.stretches) - 1
-        return self.firsts[k], Steps(begin, size, number if is_last else 0, self.stop)
+        return self.firsts[k], self.stretches[k]
+
+    def step(self, n: int) -> tuple[float, float]:
+        """When step number n begins, and its size [s]."""
+        first, steps = self.stretch_of(n)
+        return steps.at(n - first)
 
     def begin_of(self, n: int) -> float:
-        """When step number n begins [s]."""
-        k = bisect_right(self.firsts, n) - 1
-        return self.stretches[k].begin + (n - self.firsts[k]) * self.stretches[k].size
-
-    def size_of(self, n: int) -> float:
-        """The size of step number n [s]."""
-        return self.stretches[bisect_right(self.firsts, n) - 1].size
+        """When step number n begins, or the one before it ends [s]."""
+        return self.stop if n == self.count else self.step(n)[0]
 
     def number_at(self, time: float) -> int:
         """The number of the step that a time lies in, or that begins there."""
@@ -108,10 +108,9 @@ class KnownSteps:
         """
         breaks: list[tuple[float, float]] = []
         for n, jump in self._numbered_jumps():
-            if not self._is_seen(n, jump):
-                end = self.stop if n + 2 == self.count else self.begin_of(n + 2)
-                if (broken := (self.begin_of(n), end)) not in breaks[-1:]:
-                    breaks.append(broken)
+            broken = self.begin_of(n), self.begin_of(n + 2)
+            if not self._is_seen(n, jump) and broken not in breaks[-1:]:
+                breaks.append(broken)
         return breaks
 
     def _numbered_jumps(self) -> Iterator[tuple[int, Jump]]:
@@ -156,12 +155,15 @@ class Driver:
         if begin is not None and begin.broken_until > self.t:
             self.breaks.append((self.t, begin.broken_until))
         self.is_paused, self.broken_until = False, self.t
-        self._plain_advance: Advance = (
-            Iteration(find_algorithm(plan.algorithm), self.parts)
-            if instance.steps is None
-            else explicit(instance.steps)
-        )
-        self._moments = Moments(self.parts, instance.fixed)
+        loop = instance.loop()
+        self._plain_advance: Advance
+        if isinstance(loop, Loop):
+            self._plain_advance = loop.advance
+        elif instance.steps is None:
+            self._plain_advance = Iteration(find_algorithm(plan.algorithm), self.parts)
+        else:
+            self._plain_advance = explicit(instance.steps)
+        self._moments = Moments(self.parts, instance.setup.fixed)
         self._advance = self._moments.met(self._plain_advance, self._jumps_at)
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
         self._add: Callable[[Sequence[float]], None] = recorder.add
@@ -175,8 +177,10 @@ class Driver:
         self.control = "fixed"
         self.loop = "Python"
         if isinstance(plan.step, Adaptive):
-            self.control = plan.step.control or ("energy" if instance.stateless else "doubling")
-        self._can_probe = not (instance.stateless or instance.fixed)
+            self.control = plan.step.control or (
+                "energy" if instance.setup.stateless else "doubling"
+            )
+        self._can_probe = not (instance.setup.stateless or instance.setup.fixed)
         if self._known.count and self._can_probe:
             self._checkpoint = (self.accepted - CHECKPOINT, Snapshot(self.parts))
         self._moments.refuses = self.control == "doubling"
@@ -189,7 +193,6 @@ class Driver:
             )
         if not self._known.count or self._every is None:
             return
-        loop = instance.loop()
         if isinstance(loop, OSError):
             self.loop = f"Python, since the compiled loop is missing: {loop}"
         elif loop is not None:
@@ -199,7 +202,7 @@ class Driver:
         """What is known before to happen at once on the way."""
         plan, begin, instance = self.plan, self._begin, self.instance
         since = plan.start if begin is None else begin.start
-        changes = discrete_changes(instance.network, instance.parts, since, plan.stop)
+        changes = discrete_changes(instance.setup.network, instance.parts, since, plan.stop)
         sources = [feed for part in self.parts for feed in part.feeds]
         times = source_jumps(sources, since, plan.stop)
         if begin is None:
@@ -360,11 +363,11 @@ class Driver:
                 return
 
     def _fixed(self) -> Iterator[ShareDone]:
-        stop, count, known = self.plan.stop, self._known.count, self._known
+        count, known = self._known.count, self._known
         every, instance = self._every or 1, self.instance
         split = sorted({*known.interrupted(), *known.firsts[1:], count})
         self.breaks += known.breaks()
-        goal = count if self._until >= stop else self._goal()
+        goal = count if self._until >= known.stop else self._goal()
         has_event = False
         while self.accepted < goal:
             n = self.accepted
@@ -389,7 +392,7 @@ class Driver:
                 due = self._thinned(rows, n + 1, every)
                 self.recorder.add(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
-                self.t = stop if self.accepted == count else known.begin_of(self.accepted)
+                self.t = known.begin_of(self.accepted)
                 has_event = isinstance(failure, EventDueError)
                 if failure is not None and not has_event:
                     self._redo_from_checkpoint(failure)
@@ -398,16 +401,14 @@ class Driver:
                 elif done == last - first:
                     instance.chunk = min(2 * instance.chunk, MOST_ROWS * every)
             else:
-                is_last = n == count - 1
-                step = known.size_of(n)
-                h = step if not is_last or self.t + step == stop else stop - self.t
+                t, h = known.step(n)
                 try:
-                    self._advance(self.t, h)
+                    self._advance(t, h)
                 except StepDiscarded as failure:
                     self._redo_from_checkpoint(failure)
-                    self._advance(self.t, h)
-                end = stop if is_last else known.begin_of(n + 1)
-                is_due = is_last or (n + 1) % every == 0
+                    self._advance(t, h)
+                end = known.begin_of(n + 1)
+                is_due = n + 1 == count or (n + 1) % every == 0
                 row = self.row(end) if is_due or self._all_rows is not None else None
                 self.accepted, self.t = n + 1, end
                 self._end_break(end)
@@ -447,7 +448,7 @@ class Driver:
         snapshot.restore()
         self._advance = self._in_pieces(self._advance, snapshot)
         for n in range(before, self.accepted):
-            self._advance(self._known.begin_of(n), self._known.size_of(n))
+            self._advance(*self._known.step(n))
 
     def _in_pieces(self, advance: Advance, snapshot: Snapshot) -> Advance:
         """The same step in as many pieces as the parts ask for."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
-from itertools import chain
-from math import isclose, isfinite
+from itertools import chain, compress
+from math import isclose
 from types import MappingProxyType
 from typing import Generic
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import FmuError, SetupError
+from ..errors import FmuError
 from ..fmu.buffers import Slot
 from ..fmu.library import Library, borrow
 from ..fmu.session import CO_SIMULATION
@@ -23,12 +23,12 @@ from ..series import Kind
 from ..system import Network, Port, Value, declared_start, feedthrough
 from ..system.description import ModelDescription
 from .changes import continuous_profiles
-from .energy import BondSide, find_bonds, watts_per_product
+from .energy import Bond, BondSide, watts_per_product
 from .hermite import SignalHistory
 from .links import CastLink, InputPolynomials, Link
-from .newton import solve_fixed_point
 from .part import I, Part, WiredPart
 from .settings import RunSettings
+from .settle import settle_start
 from .sources import InputSource
 
 Vector = NDArray[np.float64]
@@ -42,8 +42,10 @@ class StartBlocks:
 
     def __init__(self, session: Session2 | Session3, ports: Sequence[Port]) -> None:
         self._session = session
-        self._singles = [p for p in ports if len(p.variable.family) > 1 or p.type == "Binary"]
-        self._blocks = session.blocks("Set", [p.variable for p in ports if p not in self._singles])
+        is_single = [len(p.variable.family) > 1 or p.type == "Binary" for p in ports]
+        self._singles = [*compress(ports, is_single)]
+        plain = [p.variable for p, single in zip(ports, is_single) if not single]
+        self._blocks = session.blocks("Set", plain)
 
     def set(self, values: Mapping[str, Value]) -> None:
         """Set those of these values, by name, that are of this instance; raises FmuError."""
@@ -97,6 +99,7 @@ class WiredParts(Generic[I]):
         self._starts: dict[str, PartStart] = {}
         self._network = network
         self._values: dict[str, Value] = {}
+        self._ports: dict[str, list[Port]] = {}
         self.parts: dict[str, WiredPart[I]] = {}
         self.slots: dict[str, Slot] = {}
 
@@ -136,6 +139,9 @@ class WiredParts(Generic[I]):
         if not self._starts or self._network is not network:
             starts = start_values(network, settings.start)
             self._network, self._values = network, {name: x for name, (_, x) in starts.items()}
+            self._ports = {name: list[Port]() for name in self.instances}
+            for port, _ in starts.values():
+                self._ports[port.part].append(port)
             self._starts = {name: self._start(name) for name in self.instances}
         values = {**self._values, **case}
         for start in self._starts.values():
@@ -145,7 +151,7 @@ class WiredParts(Generic[I]):
         for start in self._starts.values():
             start.inside.set(values)
         self.wire(network, settings, values)
-        settle([self.parts[name] for name in sequence], settings.start)
+        settle_start([self.parts[name] for name in sequence], settings.start)
         for instance in self.instances.values():
             instance.leave_initialisation(waits=True)
         for start in self._starts.values():
@@ -153,8 +159,7 @@ class WiredParts(Generic[I]):
 
     def _start(self, name: str) -> PartStart:
         """How the present instance of a part begins."""
-        ports = [port for port in map(self._network.port, self._values) if port.part == name]
-        return PartStart(self.instances[name].session, ports)
+        return PartStart(self.instances[name].session, self._ports[name])
 
     def _set_up(self, name: str, settings: RunSettings, values: Mapping[str, Value]) -> None:
         """Let a part enter initialisation mode, by another instance if it needs the stop time for that.
@@ -163,7 +168,7 @@ class WiredParts(Generic[I]):
         that refuses to initialise without it, which is then warned of. Raises FmuError.
         """
         instance = self.instances[name]
-        session, tolerance = instance.session, settings.tolerance
+        session, tolerance = instance.session, settings.told_tolerance
         if tolerance is None and session.side == CO_SIMULATION:
             tolerance = session.description.defaultExperiment.tolerance
         stop = settings.stop if settings.stop_time_defined or session.is_told_stop else None
@@ -307,10 +312,12 @@ def interpolate_inputs(parts: Mapping[str, Part], degree: int) -> None:
             link.follow(signals[link.source.name])
 
 
-def add_bond_sides(network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot]) -> None:
+def add_bond_sides(
+    network: Network, parts: Mapping[str, Part], slots: Mapping[str, Slot], bonds: Sequence[Bond]
+) -> None:
     """Give every part its sides of the power bonds; where inputs follow polynomials, their links know it."""
     links = {link.target.name: link for part in parts.values() for link in part.links}
-    for bond in find_bonds(network):
+    for bond in bonds:
         for side, (out, into) in enumerate([(bond.forth, bond.back), (bond.back, bond.forth)]):
             link = links[into.target.name]
             scale = watts_per_product(network, out.source, into.target)
@@ -319,50 +326,3 @@ def add_bond_sides(network: Network, parts: Mapping[str, Part], slots: Mapping[s
                 bond.name, side, output, first=link.first, last=link.last, scale=scale
             )
             parts[out.source.part].bond_sides.append(bond_side)
-
-
-def settle(parts: Sequence[WiredPart[I]], t: float) -> None:
-    """Propagate start values in initialisation mode; solve what feeds back on itself by Newton."""
-    real = [block for part in parts for block in part.inputs if block.real]
-    outputs = [block for part in parts for block in part.outputs]
-    for block in outputs:
-        block.move()
-
-    def response(z: Vector | None = None) -> Vector:
-        """The present Real inputs, or those that the outputs give when the inputs are z."""
-        if z is not None:
-            values = iter(z.tolist())
-            for block in real:
-                block.cells[:] = [next(values) for _ in block.cells]
-            for part in parts:
-                part.set_inputs_and_get_outputs()
-            for part in parts:
-                part.apply_links()
-        return np.array([x for block in real for x in block.cells])
-
-    for _ in range(2 + sum(len(block.cells) for part in parts for block in part.inputs)):
-        changed = False
-        for part in parts:
-            changed = _apply_finite_links(part) or changed
-            part.set_inputs_and_get_outputs()
-        if not changed:
-            break
-    else:
-        names = [name for block in real for name in block.names]
-        nominal = np.array([size for block in real for size in block.nominals()])
-        if worst := solve_fixed_point(response, response(), nominal, names):
-            raise SetupError(
-                f"the start values of an algebraic loop were not found; still off: {worst}"
-            )
-    for block in outputs:
-        block(t)
-
-
-def _apply_finite_links(part: WiredPart[I]) -> bool:
-    """Bring the values of the wires as far as they are finite; whether any has changed."""
-    before = [list(block.cells) for block in part.inputs]
-    part.apply_links()
-    for block, old in zip(part.inputs, before):
-        if block.real:
-            block.cells[:] = [new if isfinite(new) else x for new, x in zip(block.cells, old)]
-    return before != [list(block.cells) for block in part.inputs]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 
 from ..errors import EventReached, FmuError
+from ..fmu.blocks import VariableBlock
 from ..fmu.operations import Code, COperation, Operation
 from ..fmu.times import is_reached
-from .part import EventModeEntry, Part
+from .part import Part
 from .schedule import Advance
+from .settle import settle_wires
 
 #: Events at one time after which parts make no progress. A convention: cascades of a few are real.
 MOST_AT_ONCE = 100
@@ -114,23 +117,12 @@ class Moments:
         """Let inputs take their values of time t [s]; follow the wires until nothing changes, or once for each part."""
         for feed in (feed for part in self.parts for feed in part.feeds):
             feed.cell[0] = float(feed.profile.at(t))
-        for block in (block for part in self.parts for block in part.outputs):
-            block.move()
-        for _ in range(len(self.parts) + 1):
-            changed = False
-            for part in self.parts:
-                before = [list(block.cells) for block in part.inputs]
-                part.apply_links()
-                fresh = [
-                    block for block, cells in zip(part.inputs, before) if list(block.cells) != cells
-                ]
-                for block in fresh:
-                    if block.held:
-                        EventModeEntry(part.instance, block)(t, 0.0)
-                    else:
-                        block.move()
-                for block in part.outputs if fresh else ():
-                    block.move()
-                changed = changed or bool(fresh)
-            if not changed:
-                return
+        settle_wires(self.parts, len(self.parts) + 1, enter=partial(_enter, t))
+
+
+def _enter(t: float, part: Part, block: VariableBlock) -> None:
+    """Let a part take inputs at time t [s], by event mode if need be."""
+    if block.held:
+        part.instance.enter_changed_inputs(t)
+    else:
+        block.move()

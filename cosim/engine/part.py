@@ -98,11 +98,6 @@ class WiredPart(Generic[I]):
         for link in self.links:
             link(0.0, 0.0)
 
-    def set_inputs_and_get_outputs(self) -> None:
-        """Set the inputs and get the outputs."""
-        for block in (*self.inputs, *self.outputs):
-            block.move()
-
     def read_operations(self) -> Iterator[Operation]:
         """What is read of the part when all of a stage have stepped."""
         yield from self.outputs
@@ -177,12 +172,12 @@ class StepOperation(Operation):
         return h
 
     def c_operation(self) -> COperation | None:
-        """None if inputs move within it."""
+        """None if inputs move within it, or values are shown."""
         part = self.part
-        if part.curves is not None:
+        if part.curves is not None or part.instance.watched:
             return None
         c_operation = part.instance.step_c_operation()
-        c_operation.count, c_operation.forward = part.substeps, int(part.instance.forward)
+        c_operation.count = part.substeps
         c_operation.last = ctypes.addressof(part.ends)
         return c_operation
 

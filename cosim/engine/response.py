@@ -10,6 +10,7 @@ from ..errors import NonFiniteValueError, StepDiscarded
 from .changes import Jump
 from .part import Part
 from .schedule import Advance
+from .settle import settle_wires
 from .snapshot import Snapshot
 
 #: The values of columns by name.
@@ -50,7 +51,8 @@ def values_after_jump(
     try:
         for feed in feeds:
             feed.cell[0] = float(feed.profile.at(max(t, jump.time)))
-        if not _settle_reals(parts):
+        # other values than Reals are events, which parts see at their next turn
+        if settle_wires(parts, len(parts) + 2, takes=lambda block: block.real) is None:
             return None, False
         after = read()
         shown = {**values_of_wired_outputs(parts), **after}
@@ -114,32 +116,6 @@ def values_after_probing_steps(
 def _input_values(part: Part) -> dict[str, Any]:
     """The values in the buffers of a part's inputs by name."""
     return {n: x for block in part.inputs for n, x in zip(block.names, block.cells)}
-
-
-def _settle_reals(parts: Sequence[Part]) -> bool:
-    """Bring Reals over the wires until no input changes; False if that takes more sweeps than there are parts.
-
-    Other values are events, which parts see at their next turn.
-    """
-    for sweep in range(len(parts) + 2):
-        changed = False
-        for part in parts:
-            old = [list(block.cells) for block in part.inputs]
-            part.apply_links()
-            fresh = [
-                block
-                for block, values in zip(part.inputs, old)
-                if block.real and list(block.cells) != values
-            ]
-            for block in fresh:
-                block.move()
-            if fresh or not sweep:
-                for block in part.outputs:
-                    block.move()
-            changed = changed or bool(fresh)
-        if not changed:
-            return True
-    return False
 
 
 def _has_answered(

@@ -96,6 +96,13 @@ class RunSettings:
         if isinstance(self.step, Adaptive):
             self.step.check()
 
+    @property
+    def told_tolerance(self) -> float | None:
+        """The tolerance that FMUs get, that of adaptive steps unless another one is given; None for that of each."""
+        if self.tolerance is None and isinstance(self.step, Adaptive):
+            return self.step.tolerance
+        return self.tolerance
+
     def number(self) -> int:
         """Fixed steps from start to stop, the last one as long as what is left."""
         assert not isinstance(self.step, Adaptive)

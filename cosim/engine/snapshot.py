@@ -41,7 +41,7 @@ class Snapshot:
     """One place for the state of the parts; `take` overwrites what was there."""
 
     def __init__(self, parts: Sequence[Part]) -> None:
-        self._states = [(part.instance, part.instance.new_state()) for part in parts]
+        self._states = [(part.instance, part.instance.session.new_state()) for part in parts]
         self._cells = [cells for part in parts for cells in _cells(part)]
         self._signals = [signal for part in parts for signal in _signals(part)]
         self._values: list[list[object]] = []
@@ -149,6 +149,14 @@ class SystemState:
     memory: StepMemory | None = field(repr=False)
 
 
+@dataclass(frozen=True)
+class Case:
+    """Start values of one run, over those of the system, or the state of a paused run to `begin` with: not both."""
+
+    start: Mapping[str, Value] = field(default_factory=dict)
+    begin: SystemState | None = None
+
+
 class Stretch(NamedTuple):
     """What of a run is done: from the state to `begin` with to the first communication point from `until` [s] on.
 
@@ -167,7 +175,7 @@ WHOLE = Stretch()
 def part_state(part: Part) -> PartState:
     """The state of a part at a communication point; raises FmuError."""
     instance = part.instance
-    instance.save(state := instance.new_state())
+    instance.save(state := instance.session.new_state())
     values = dict(zip(_contents(part), map(list, _cells(part))))
     nodes = [signal.nodes for signal in _signals(part)]
     can_serialize = instance.session.interface.canSerializeFMUstate

@@ -12,9 +12,8 @@ from ..fmu.fmi2 import CoSimulation2
 from ..fmu.fmi3 import CoSimulation3
 from ..fmu.instance import CoSimulation
 from ..fmu.library import Library
-from ..system import STATE, VARIABLE_STEP, Network, Value, parts_without
+from ..system import Network, Value
 from ..system.description import ModelDescription, Variable
-from ..system.graph import stepping_order
 from .algorithms import find_algorithm
 from .energy import by_bond
 from .initialise import WiredParts, add_bond_sides, interpolate_inputs
@@ -24,8 +23,8 @@ from .moments import Moments, event_watches
 from .part import Part
 from .process_guard import ProcessGuard
 from .row import RowReader
-from .schedule import TimedOperation, coupling_context, schedule
-from .settings import RunSettings
+from .schedule import coupling_context, schedule
+from .setup import Setup
 from .snapshot import LiveState, SystemState, require_same_buffers, resume
 
 #: The tools whose FMUs have no variables besides those of their instances, so that each thread may have instances of
@@ -56,9 +55,7 @@ class SystemInstance:
     Attributes
     ----------
     parts, stepped
-        The parts by name, and in their stepping order `sequence`.
-    stateless, fixed
-        The parts that cannot save their state, and those that cannot vary their step.
+        The parts by name, and in their stepping order.
     bonds
         The two sides of each power bond.
     parameters
@@ -71,13 +68,10 @@ class SystemInstance:
         Fixed steps that are taken at once: as many as the last run could take in a short time.
     """
 
-    def __init__(self, network: Network, settings: RunSettings) -> None:
-        self.network, self.settings = network, settings
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
         self.state: SystemState | None = None
-        self.ports, self.sequence = settings.ports(network), stepping_order(network, settings.order)
-        self.is_reset_trusted = is_reset_trusted(network)
-        self.stateless = parts_without(network.descriptions, STATE)
-        self.fixed = parts_without(network.descriptions, VARIABLE_STEP)
+        self.is_reset_trusted = is_reset_trusted(setup.network)
         self.chunk = 16
         self.process = ProcessGuard()
         self._stack = ExitStack()
@@ -87,21 +81,21 @@ class SystemInstance:
 
     def begin(
         self,
-        network: Network,
-        settings: RunSettings,
+        setup: Setup,
         state: SystemState | None = None,
         case: Mapping[str, Value] = MappingProxyType({}),
     ) -> None:
-        """Be at the start, with the start values of this network or of a case over them, or in a state, ready for a step.
+        """Be at the start of a run, with its start values or those of a case over them, or in a state, ready for a step.
 
         Raises SetupError where an FMU refuses, where the start values have no solution, and for the state of another system.
         """
-        self.network, self.settings, self.state = network, settings, state
+        self.setup, self.state = setup, state
+        network, settings = setup.network, setup.settings
         try:
             is_new = self._be_as_new()
             assert self._wired is not None
             if state is None:
-                self._wired.begin(network, settings, self.sequence, case)
+                self._wired.begin(network, settings, setup.sequence, case)
             else:
                 self._wired.wire(network, settings, {})
             if self.parts is not self._wired.parts:
@@ -139,7 +133,7 @@ class SystemInstance:
 
     def _be_as_new(self) -> bool:
         """Reset the instances, or make new ones, whether the latter; raises FmuError."""
-        shows_within = self.settings.steps_per_row() is None
+        shows_within = self.setup.settings.steps_per_row() is None
         states = {} if self.state is None else self.state.parts
         lent = {n: s.fmu.instance for n, s in states.items() if isinstance(s.fmu, LiveState)}
         may = self.begins_again and shows_within == self._shows_within and not lent
@@ -148,23 +142,24 @@ class SystemInstance:
         self.close()
         self.process = ProcessGuard()
         self.begins_again, self._shows_within = self.is_reset_trusted and not lent, shows_within
-        within = self.ports if shows_within else ()
+        within = self.setup.ports if shows_within else ()
 
         def opener(name: str, description: ModelDescription, fmu: Library) -> CoSimulation:
             watched = [port.variable for port in within if port.part == name]
             return open_cosimulation(name, description, fmu, watched)
 
-        self._wired = WiredParts(self.network, self._stack, opener, lent)
+        self._wired = WiredParts(self.setup.network, self._stack, opener, lent)
         return True
 
     def _lay_out(self, slots: Mapping[str, Slot]) -> None:
         """What follows from the wired parts and the settings."""
         assert self._wired is not None
-        settings, self.parts = self.settings, self._wired.parts
+        setup, self.parts = self.setup, self._wired.parts
+        settings = setup.settings
         if settings.input_order:
             interpolate_inputs(self.parts, settings.input_order)
-        add_bond_sides(self.network, self.parts, slots)
-        self.stepped = [self.parts[name] for name in self.sequence]
+        add_bond_sides(setup.network, self.parts, slots, setup.bonds)
+        self.stepped = [self.parts[name] for name in setup.sequence]
         self.bonds = by_bond(side for part in self.parts.values() for side in part.bond_sides)
         self.parameters = {
             name: part.instance.session.reader(
@@ -172,11 +167,11 @@ class SystemInstance:
             )
             for name, part in self.parts.items()
         }
-        self.row = RowReader(list(self.parts.values()), self.ports)
+        self.row = RowReader(list(self.parts.values()), setup.ports)
         algorithm = find_algorithm(settings.algorithm)
         by_name = {part.name: part for part in self.stepped}
         self.steps = (
-            None if algorithm.is_implicit else schedule(algorithm.stages(self.sequence), by_name)
+            None if algorithm.is_implicit else schedule(algorithm.stages(setup.sequence), by_name)
         )
         context = coupling_context(self.stepped, settings.input_order)
         self.order = algorithm.convergence_order(context)
@@ -195,9 +190,8 @@ class SystemInstance:
     def loop(self) -> Loop | OSError | None:
         """The steps in C, or why they cannot be; None where steps need Python."""
         if not self._loop:
-            watches = [TimedOperation(watch, 0.0, 1.0) for watch in event_watches(self.stepped)]
-            steps = None if self.steps is None else [*watches, *self.steps]
-            program = None if steps is None else lay_out(steps, self.row.extra)
+            watches, steps = event_watches(self.stepped), self.steps
+            program = None if steps is None else lay_out(watches, steps, self.row.extra)
             try:
                 self._loop = [None if program is None else Loop(program, self.row.columns)]
             except OSError as error:
@@ -206,7 +200,7 @@ class SystemInstance:
 
     def _begin_steps(self) -> None:
         """Go through the events of the start; read what steps begin with."""
-        start = self.settings.start
+        start = self.setup.settings.start
         Moments(self.stepped, ()).happen(start)
         for part in self.parts.values():
             for operation in part.read_operations():

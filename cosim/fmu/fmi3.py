@@ -253,6 +253,10 @@ class CoSimulation3(CoSimulation):
         """Of a discarded step: OK, the time reached [s], whether that is the end."""
         return OK, self._answer.reached, self._answer.ended
 
+    def come_to(self, t: float) -> None:
+        """Note the time [s] that steps of loop.c have reached."""
+        self.events.now = t
+
     def step_c_operation(self) -> COperation:
         """What loop.c does in place of `advance`."""
         return COperation(

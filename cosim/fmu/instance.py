@@ -88,6 +88,9 @@ class CoSimulation(Instance):
         """Keep a warning of a step from t by h [s]; raise FmuError for a worse status."""
         raise NotImplementedError
 
+    def come_to(self, t: float) -> None:
+        """Note the time [s] that steps of loop.c have reached."""
+
     def step_c_operation(self) -> COperation:
         """What loop.c does in place of `advance`."""
         raise NotImplementedError
@@ -121,10 +124,6 @@ class CoSimulation(Instance):
     def input_c_operation(self, block: VariableBlock) -> COperation | None:  # noqa: ARG002
         """What loop.c does in place of `enter_changed_inputs`, if this block has changed; None if it cannot."""
         return None
-
-    def new_state(self) -> SavedState:
-        """A place for a state of the FMU, freed with it."""
-        return self.session.new_state()
 
     def save(self, state: SavedState) -> None:
         """Put the FMU's state into a place, instead of what was there."""

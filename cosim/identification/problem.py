@@ -11,7 +11,7 @@ from weakref import finalize
 import numpy as np
 
 from ..engine.settings import RunSettings
-from ..ensemble import Case
+from ..engine.snapshot import Case
 from ..errors import SetupError
 from ..fmu.messages import quiet
 from ..metrics import spline

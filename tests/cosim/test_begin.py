@@ -52,7 +52,7 @@ def require_rest(
     rows = np.concatenate([first.frame[compared], rest.frame[compared][1:]])
     own = rest.data[0] == first.data[-1]
     assert own[[name in compared for name in whole.names]].all()
-    if prepared.settings.output_step is not None:
+    if prepared.setup.settings.output_step is not None:
         rows = rows[np.isin(rows[:, 0], whole["time"])]
     assert_array_equal(rows, whole.frame[compared])
     assert rest.energy == whole.energy

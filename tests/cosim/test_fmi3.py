@@ -28,6 +28,7 @@ from cosim import (
     write_ssp,
 )  # fmt: skip
 from cosim.engine.settings import RunSettings
+from cosim.engine.setup import Setup
 from cosim.engine.snapshot import Snapshot
 from cosim.engine.system_instance import SystemInstance
 from cosim.system import connect
@@ -232,9 +233,9 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
     """An array is handed over whole, and so would be what an element becomes only later."""
     system = System({"A": third, "B": third}, ["B.Int8_out -> A.Int8_ins[1,1]"])
     network = connect(system)
-    settings = RunSettings(1.0, 0.1, order=["B", "A"])
-    with closing(SystemInstance(network, settings)) as system_instance:
-        system_instance.begin(network, settings)
+    setup = Setup(network, RunSettings(1.0, 0.1, order=["B", "A"]))
+    with closing(SystemInstance(setup)) as system_instance:
+        system_instance.begin(setup)
         parts = system_instance.parts
         instance: Any = parts["A"].instance
         snapshot = Snapshot([*parts.values()])
@@ -248,9 +249,9 @@ def test_going_back_brings_back_the_elements_of_an_array_that_no_wire_brings(thi
 
 def test_binary_values_are_hexadecimal_digits(third: Path) -> None:
     network = connect(System({"A": third}, start={"A.Binary_in": "DEAD00BEEF"}))
-    settings = RunSettings(1.0, 0.1)
-    with closing(SystemInstance(network, settings)) as system_instance:
-        system_instance.begin(network, settings)
+    setup = Setup(network, RunSettings(1.0, 0.1))
+    with closing(SystemInstance(setup)) as system_instance:
+        system_instance.begin(setup)
         part = system_instance.parts["A"]
         variables = [network.port(f"A.{name}_out").variable for name in ("Binary", "String")]
         assert part.instance.session.values(variables) == {

@@ -20,8 +20,9 @@ from numpy.testing import assert_array_equal
 from cosim import Adaptive, Interrupted, Series, SetupError, SimulationError, System, run
 from cosim.engine.loop import Loop, lay_out
 from cosim.engine.settings import RunSettings
+from cosim.engine.snapshot import Case
 from cosim.engine.system_instance import KNOWN_TOOLS
-from cosim.ensemble import Case, Ensemble
+from cosim.ensemble import Ensemble
 from cosim.metrics import Largest
 from cosim.prepared import Prepared
 from tests.cosim.foreign import pack, single_fmu_system

@@ -14,7 +14,7 @@ import pytest
 
 from cosim import System, describe, run
 from cosim.engine.settings import RunSettings
-from cosim.requirements import setup_problems
+from cosim.engine.setup import setup_problems
 from cosim.system import connect
 from cosim.system.graph import stepping_order, strongly_connected
 from tests.conftest import described, rewritten

@@ -12,7 +12,7 @@ def states(s: Subject) -> str:
     s.needs("canGetAndSetFMUstate")
     third = s.steps // 3
     with s.running(third) as part:
-        first, second = part.new_state(), part.new_state()
+        first, second = part.session.new_state(), part.session.new_state()
         part.save(first)
         s.same(s.go(part, third, 2 * third), s.reference[third:], "after a state is saved", third)
         part.save(second)
@@ -30,7 +30,7 @@ def serialized(s: Subject) -> str:
     s.needs("canSerializeFMUstate")
     half = s.steps // 2
     with s.running(half) as part, nullcontext(part) if s.once else s.running() as receiver:
-        state = part.new_state()
+        state = part.session.new_state()
         part.save(state)
         serialized_state = part.session.serialized(state)
         receiver.restore(receiver.session.deserialized(serialized_state))

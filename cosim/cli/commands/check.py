@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from ... import describe
+from ...engine.setup import setup_problems
 from ...errors import SetupError
 from ...formats.ssp.standard import check_standard
 from ...isolated import begin_isolated
-from ...requirements import setup_problems
 from ..options import Parser
 from ..system_file import add_stepping_options, add_system_options, open_system
 
