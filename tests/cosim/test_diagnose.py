@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import random
 import re
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.coverage import Trial
+from benchmarks.damping import centre_case, linear_case
 from cosim import SetupError, System, diagnose, linearize
 from fmukit.fmu.make import make_all
 from scenarios.conveyor.first_order import SETS
@@ -111,9 +112,7 @@ def test_damping_is_that_of_the_ideal_algorithm(
         assert got.delay / h == pytest.approx(DELAYS[drive, algorithm], rel=3e-3)
     pushes = drive != "three" and h >= 5e-4
     assert got.drift == pytest.approx(pushes * STIFF * h / (2 * (J_1 + J_2)), rel=3e-3)
-    assert ("a held angle or position drives it" in got.text()) is pushes
     assert got.recommended_step == h
-    assert "This step keeps" in got.text()
     assert ("unstable" in got.text()) is (damping < 0.0)
 
 
@@ -193,8 +192,6 @@ def test_model_exchange_gives_the_damping_itself(algorithm: str, fmus: Path, nat
     assert abs(runs.damping - linear.damping) <= runs.error
     assert linear.error < runs.error / 10
     assert linear.damping_seen == pytest.approx(runs.damping_seen, rel=1e-6)
-    assert "from derivatives of the FMUs." in linear.text()
-    assert "from runs with shorter steps." in runs.text()
 
 
 def test_eigenvalues_at_an_angle_are_not_taken_for_those_of_a_turning_crank(native: Path) -> None:
@@ -216,53 +213,13 @@ def test_an_undamped_system_has_no_share_to_keep(fmus: Path) -> None:
     assert "does not damp it" in got.text()
 
 
-def random_masses(draw: random.Random) -> tuple[dict[str, LinearPart], Any]:
-    """Two masses with springs and dampers to the ground and between them, in two parts, and the
-    matrix A of x' = A x of the whole.
-    """
-    m, n = (10 ** draw.uniform(-1.0, 1.0) for _ in "ab")
-    c, k = (10 ** draw.uniform(0.0, 3.0) * draw.choice([0, 1, 1]) for _ in "ab")
-    between, share = 10 ** draw.uniform(0.0, 3.0), 10 ** draw.uniform(-4.0, 0.0)
-    pairs = ((c, m), (k, n), (between, m))
-    d, e, both = (share * draw.uniform(0.0, 2.0) * math.sqrt(c * m) for c, m in pairs)
-    units = {
-        "a": LinearPart([[0, 1], [-c / m, -d / m]], [[0], [1 / m]], np.eye(2), [0.1, 0], ["b.1"]),
-        "b": LinearPart(
-            [[0, 1], [-(k + between) / n, -(e + both) / n]], [[0, 0], [between / n, both / n]],
-            [[between, both]], [0, 0.2], ["a.1", "a.2"], D=[[-between, -both]],
-        ),
-    }  # fmt: skip
-    row = [-(c + between) / m, -(d + both) / m, between / m, both / m]
-    other = [between / n, both / n, -(k + between) / n, -(e + both) / n]
-    return units, np.array([[0, 1, 0, 0], row, [0, 0, 0, 1], other])
-
-
-@pytest.mark.parametrize(
-    ("seed", "count"),
-    [(2, 1), *(pytest.param(n, 16, marks=pytest.mark.slow) for n in (1, 2, 3, 4))],
-)
-def test_damping_and_steps_of_random_systems_are_true(fmus: Path, seed: int, count: int) -> None:
-    """At steps where a damping ratio follows a parabola, and where it does not yet."""
-    draw, outside, stated = random.Random(seed), [], 0
-    while stated < count:
-        units, A = random_masses(draw)
-        modes = np.linalg.eigvals(A)
-        h = 2 * math.pi / np.abs(modes).max() / 10 ** draw.uniform(0.8, 2.3)
-        algorithm, share = draw.choice(["jacobi", "gauss-seidel"]), 10 ** draw.uniform(-2.0, 0.0)
-        got = diagnose(coupled(fmus, units), step=h, algorithm=algorithm, share=share)
-        if not (got.trusted and got.damped):
-            continue
-        stated += 1
-        eigenvalue = got.frequency * complex(-got.damping, math.sqrt(1.0 - got.damping**2))
-        true = min(modes, key=lambda s: abs(s - eigenvalue))
-        damping = -true.real / abs(true)
-        outside.append(abs(got.damping - damping) / got.error)
-        if got.recommended_step is not None:
-            s = rates(units, Scheme(algorithm, 0), got.recommended_step)
-            nearest = min(s, key=lambda s: abs(s - true))
-            assert abs(-nearest.real / abs(nearest) - damping) <= share * damping * (1.0 + 1e-6)
-    assert sum(ratio > 1.0 for ratio in outside) <= count / 16
-    assert max(outside) < 1.5
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 30))
+@pytest.mark.parametrize("case", [linear_case, centre_case])
+def test_damping_of_random_systems_is_true(case: Callable[[int], Trial], seed: int) -> None:
+    """At steps where a damping ratio follows a parabola, and where it does not yet; of centres none is stated."""
+    for name, figure in case(seed).figures.items():
+        assert (figure.error_ratio() or 0.0) < 1.5, name
 
 
 def hunt(half: Path, a: float, b: float, x: float, y: float) -> System:
@@ -274,46 +231,21 @@ def hunt(half: Path, a: float, b: float, x: float, y: float) -> System:
     return System(dict.fromkeys(parts, half), wires, start)
 
 
-def random_hunts(seed: int) -> Iterator[tuple[str, float, float, tuple[float, ...]]]:
-    """Algorithms, steps, times to settle, and hunts at random; some begin far from their centre."""
-    draw = random.Random(seed)
-    for algorithm in ("jacobi", "gauss-seidel", "strang"):
-        a, b = draw.uniform(0.5, 2.0), draw.uniform(0.5, 2.0)
-        step, settle = 10 ** draw.uniform(-2.0, -0.7), draw.choice([0.0, draw.uniform(0.0, 20.0)])
-        yield (
-            algorithm,
-            step,
-            settle,
-            (a, b, b * draw.uniform(0.4, 2.5), a * draw.uniform(0.4, 2.5)),
-        )
-
-
 #: step [s] that is tried with each algorithm; shorter ones are slow
 LONGEST = 0.2
-FIXED = [
-    pytest.param(
-        algorithm,
-        step,
-        settle,
-        (1.1, 1.1, 1.5, 0.7),
-        marks=[] if step == LONGEST else [pytest.mark.slow],
-    )
-    for step, settle in ((LONGEST, 0.0), (0.05, 7.0), (0.02, 0.0))
-    for algorithm in ("jacobi", "gauss-seidel", "strang")
-]
-RANDOM_HUNTS = [
-    pytest.param(*hunted, id=f"{seed}-{hunted[0]}", marks=pytest.mark.slow)
-    for seed in range(11)
-    for hunted in random_hunts(seed)
-]
 
 
-@pytest.mark.parametrize(("algorithm", "step", "settle", "numbers"), [*FIXED, *RANDOM_HUNTS])
-def test_a_centre_has_no_damping(
-    algorithm: str, step: float, settle: float, numbers: tuple[float, ...], half: Path
-) -> None:
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
+@pytest.mark.parametrize(
+    ("step", "settle"),
+    [
+        (LONGEST, 0.0),
+        *(pytest.param(*x, marks=pytest.mark.slow) for x in ((0.05, 7.0), (0.02, 0.0))),
+    ],
+)
+def test_a_centre_has_no_damping(algorithm: str, step: float, settle: float, half: Path) -> None:
     """Hunters and prey go round on the orbit on which they are: one sentence, and no number."""
-    system = hunt(half, *numbers)
+    system = hunt(half, 1.1, 1.1, 1.5, 0.7)
     got = diagnose(system, step=step, algorithm=algorithm, settle=settle)
     assert got.recommended_step is None
     assert not got.damped
@@ -342,8 +274,6 @@ def test_figures_that_are_not_trustworthy_are_not_stated(fmus: Path) -> None:
     """Frequencies that fall with the step may end below zero when they are continued to zero."""
     good = diagnose(coupled(fmus, DRIVES["two"]), step=1e-3, algorithm="jacobi", share=LOOSE)
     assert good.damped
-    assert not replace(good, residual=0.05).trusted
-    assert not replace(good, error=0.2 * good.damping).trusted
     changes: list[dict[str, float]] = [{"residual": 0.05}, {"error": 0.2 * good.damping}]
     changes += [{"frequency": -3.0}, {"damping": 2.3, "frequency": 0.1}]
     for odd in (replace(good, **change) for change in changes):

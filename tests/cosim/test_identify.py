@@ -12,7 +12,6 @@ import pytest
 
 from benchmarks.identify import KINDS, trial
 from cosim import Experiment, Series, SetupError, System, advise, identify, measured
-from cosim.identification.fit import latin_hypercube
 from cosim.identification.intervals import correlated_groups
 from cosim.identification.linearisation import covariance, linearise
 from cosim.identification.noise import estimate_noise
@@ -156,14 +155,6 @@ def test_the_covariance_is_that_of_linear_least_squares_and_knows_no_bounds() ->
     assert correlated_groups(
         ["a", "b", "c"], np.array([[1, -0.97, 0], [-0.97, 1, 0.2], [0, 0.2, 1]])
     ) == [["a", "b"]]
-
-
-def test_each_stratum_of_each_value_has_a_start() -> None:
-    low, high = np.array([-1.0, 10.0, 0.0]), np.array([1.0, 20.0, 1e-3])
-    points = latin_hypercube(7, low, high, np.random.default_rng(5))
-    strata = np.floor((points - low) / (high - low) * 7)
-    assert (np.sort(strata, axis=0) == np.arange(7)[:, None]).all()
-    assert latin_hypercube(0, low, high, np.random.default_rng(5)).shape == (0, 3)
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

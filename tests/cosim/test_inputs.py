@@ -81,8 +81,7 @@ def test_an_fmu_that_interpolates_follows_a_line_exactly(fmus: Path) -> None:
     assert speed_error(result) < 1e-6
 
 
-@pytest.mark.parametrize("held", [False, True])
-@pytest.mark.parametrize("substeps", [1, 3])
+@pytest.mark.parametrize(("substeps", "held"), [(1, False), (3, True)])
 @pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "strang"])
 def test_both_loops_follow_with_the_same_bits(
     algorithm: str, substeps: int, held: bool, fmus: Path, request: pytest.FixtureRequest
@@ -311,8 +310,7 @@ def test_formats_without_inputs_over_time_refuse_them(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("kind", ["ssp", "osp", "folder"])
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(("kind", "held"), [("ssp", False), ("osp", True), ("folder", False)])
 def test_the_command_line_feeds_a_system_of_any_format(
     held: bool, kind: str, fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:

@@ -14,18 +14,13 @@ from cosim.names import only
 WIRES = ["m.tau -> c.tau", "c.w -> m.w"]
 SYSTEMS: dict[str, tuple[dict[str, Any], str]] = {
     "wires as tuples": ({"wires": [("m.tau", "c.tau")]}, "('m.tau', 'c.tau') in wires must be a text: write 'm.tau -> c.tau'"),
-    "wires as lists": ({"wires": [["m.tau", "c.tau"]]}, "write 'm.tau -> c.tau'"),
     "a wire of three": ({"wires": [("m.tau", "c.tau", 2.0)]}, "in wires must be a text"),
     "a text as wires": ({"wires": "m.tau -> c.tau"}, "wires must be a sequence of texts: write ['m.tau -> c.tau']"),
-    "one Wire": ({"wires": Wire("m.tau", "c.tau")}, "wires must be a sequence of texts"),
-    "wires by name": ({"wires": {"m.tau": "c.tau"}}, "wires must be a sequence of texts"),
     "a text as changes": ({"changes": "at 1 s m.w = 2"}, "changes must be a sequence of texts: write ['at 1 s m.w = 2']"),
     "a change as a tuple": ({"changes": [(1.0, "m.w", 2.0)]}, "in changes must be a text"),
     "a text as bonds": ({"bonds": "m.tau * c.w"}, "bonds must be a sequence of texts: write ['m.tau * c.w']"),
     "start as a list": ({"start": ["m.T=0.05"]}, "start must be values by name: write {'motor.T': 0.05}"),
     "start as a text": ({"start": {"m.T": "50 N"}}, "m.T [s] cannot be given in N: N cannot be converted to s"),
-    "start as an array": ({"start": {"m.T": [0.05]}}, "m.T [s] = [0.05] must be of type Real"),
-    "start of nothing": ({"start": {"m.T": None}}, "m.T [s] = None must be of type Real"),
     "inputs as a list": ({"inputs": [1.0]}, "inputs must be values by name"),
     "a number as an input": ({"inputs": {"m.w": 3.0}}, "input m.w = 3.0 must be a Series or a function of time; to hold it, give it as a start value"),
     "a file as an input": ({"inputs": {"m.w": "w.csv"}}, "input m.w = 'w.csv' must be a Series or a function of time"),
@@ -61,26 +56,19 @@ def test_parts_are_files_by_name(fmus: Path) -> None:
 
 SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "stop": ({"stop": "2s"}, "stop = '2s' must be a number of seconds: write stop=2.0"),
-    "stop in minutes": ({"stop": "2 min"}, "write stop=120.0"),
     "step": ({"step": "1ms"}, "step = '1ms' must be a number of seconds: write step=0.001"),
-    "start": ({"start": "0"}, "start = '0' must be a number of seconds: write start=0.0"),
     "text": ({"stop": "soon"}, "stop = 'soon' must be a number"),
     "nothing": ({"stop": None}, "stop = None must be a number"),
-    "truth": ({"step": True}, "step = True must be a number"),
-    "list": ({"step": [1e-3]}, "step = [0.001] must be a number"),
     "rows": ({"output_step": "10ms"}, "output_step = '10ms' must be a number of seconds: write output_step=0.01"),
     "tolerance": ({"tolerance": "1e-6"}, "tolerance = '1e-6' must be a number"),
     "a long step": ({"step": 2.0, "stop": 0.5}, "step = 2.0 s must be at most the time from start to stop: write step=0.5"),
     "record": ({"record": "m.tau,m.P"}, "record must be a sequence of names: write ['m.tau', 'm.P']"),
     "order": ({"order": "m"}, "order must be a sequence of names: write ['m']"),
     "substeps": ({"substeps": {"m": 2.5}}, "substeps of m = 2.5 must be a whole number"),
-    "substeps as a text": ({"substeps": {"m": "2"}}, "substeps of m = '2' must be a whole number"),
     "substeps of another": ({"substeps": {"n": 2}}, "substeps: there is no part 'n', only m"),
     "input order": ({"input_order": 1.5}, "input_order = 1.5 must be a whole number"),
     "record of nothing": ({"record": [None]}, "None is not a name: write 'part.variable'"),
-    "record of a number": ({"record": [3]}, "3 is not a name: write 'part.variable'"),
     "algorithm": ({"algorithm": "Strang"}, "algorithm 'Strang' must be one of jacobi, gauss-seidel, strang, iterated; did you mean strang?"),
-    "no algorithm": ({"algorithm": None}, "algorithm = None must be a name"),
 }  # fmt: skip
 
 
@@ -92,7 +80,7 @@ def test_settings_of_the_wrong_kind_are_told_what_to_write(name: str, fmus: Path
         run(system, **({"stop": 0.1, "step": 0.01} | how))
 
 
-@pytest.mark.parametrize("value", ["1.5", None, [1.0, 2.0], b"1", {}, complex(1.0, 2.0)])
+@pytest.mark.parametrize("value", ["1.5", None, [1.0, 2.0], complex(1.0, 2.0)])
 def test_an_input_that_gives_no_number_is_named(value: object, fmus: Path) -> None:
     system = System({"m": fmus / "DriveMotor.fmu"}, inputs={"m.w": lambda _: value})  # type: ignore[dict-item, return-value]
     message = re.escape(

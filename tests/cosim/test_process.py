@@ -26,7 +26,7 @@ def system(tmp_path: Path) -> System:
     return single_fmu_system(pack(tmp_path / "A.fmu"))
 
 
-@pytest.mark.parametrize("output_step", [0.3, 1.0, 7.3, 2.0**64 * 0.1, 1e300])
+@pytest.mark.parametrize("output_step", [0.3, 7.3, 2.0**64 * 0.1, 1e300])
 def test_rows_further_apart_than_a_run_is_long_are_its_first_and_last(
     output_step: float, system: System
 ) -> None:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, run
-from cosim.engine import row_file
 from cosim.engine.row_file import stored_column
 from tests.cosim.test_cosim import pair
 
@@ -20,7 +19,7 @@ def stored(path: Path, width: int) -> Any:
 
 
 @pytest.mark.parametrize("record", [["motor.tau"], ["motor.tau", "conveyor.phi"]])
-@pytest.mark.parametrize("every", [1, 4, 7])
+@pytest.mark.parametrize("every", [1, 7])
 def test_all_rows_are_those_of_each_step_and_the_result_is_the_same_without_them(
     record: list[str], every: int, native: Path, tmp_path: Path
 ) -> None:
@@ -40,12 +39,3 @@ def test_all_rows_of_adaptive_steps_and_of_a_grid_with_events(native: Path, tmp_
     adaptive = {"stop": 0.05, "step": Adaptive(1e-4), "record": ["motor.tau"]}
     run(pair(native), output_step=0.01, all_rows=path, **adaptive)
     np.testing.assert_array_equal(stored(path, 2), run(pair(native), **adaptive).data)
-
-
-def test_large_files_are_read_column_by_column(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rows = np.arange(30.0).reshape(10, 3)
-    rows.tofile(tmp_path / "rows")
-    monkeypatch.setattr(row_file, "ROWS_AT_A_TIME", 4)
-    np.testing.assert_array_equal(stored(tmp_path / "rows", 3), rows)

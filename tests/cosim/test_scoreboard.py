@@ -202,20 +202,6 @@ def test_a_master_that_was_not_run_has_its_reason(board: Path) -> None:
 
 MISTAKES = {
     "late": ("put(rows[n])", "put(rows[max(0, n - 1)])", "inputs come a step late: over each step of 0.001 s"),
-    "start": (
-        'value = float(parameter[0].get("value"))',
-        'value = float(parameter[0].get("value")) * (0.95 if parameter.get("name") == "w" else 1.0)',
-        "the start value conveyor.w seems to be 38, not 40",
-    ),
-    "unit": (
-        "*row.values()]",
-        "row['motor.tau'], 30.0 / 3.141592653589793 * row['conveyor.w']]",
-        "conveyor.w is in rpm, not in rad/s",
-    ),
-    "rad/s on a wire": (
-        "[values[source]]", "[values[source] * (0.10471975511966 if source == 'conveyor.w' else 1.0)]",
-        "the factor of the wire from conveyor.w to motor.w seems to be 0.10472, not 1: rad/s for rpm?",
-    ),
     "kN.m on a wire": (
         "[values[source]]", "[values[source] / (1e3 if source == 'motor.tau' else 1.0)]",
         "the wire from motor.tau to conveyor.tau brings 0.001 times its source: kN.m for N.m?",

@@ -273,27 +273,6 @@ def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message:
         from_rest(fmus, **settings)
 
 
-def test_adaptive_steps_reach_a_permille_with_a_fifth_of_the_steps(fmus: Path) -> None:
-    """Against the cheapest fixed-step Gauss-Seidel; all doSteps count, also rejected ones."""
-    settings = {"stop": 1.0, "algorithm": "gauss-seidel", "record": ["motor.tau"]}
-
-    def fixed(n: int) -> Result:
-        return run(pair(fmus / "native", START | REST), step=1 / n, **settings)
-
-    enough, lacking = 2048, 256
-    while enough - lacking > 8:
-        middle = (enough + lacking) // 2
-        lacking, enough = (
-            (lacking, middle) if torque_error(fixed(middle)) < 1e-3 else (middle, enough)
-        )
-    adaptive = run(
-        pair(fmus / "native", START | REST), step=Adaptive(1.0), input_order=6, **settings
-    )
-    assert torque_error(adaptive) < 1e-3
-    spent = [sum(r.provenance["do_steps"].values()) for r in (fixed(lacking), adaptive)]
-    assert spent[0] >= 5 * spent[1]
-
-
 def test_native_fmus_follow_polynomials(fmus: Path) -> None:
     """Derivatives up to order 6 over one long step, against an independent solver."""
     rates = [3.0, -40.0, 500.0, -2e4, 3e5, -4e6]

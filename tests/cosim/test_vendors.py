@@ -17,7 +17,6 @@ import pytest
 
 from cosim import Adaptive, SetupError, System, run
 from cosim.cli.main import main
-from cosim.engine.recorder import OutputGrid
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.foreign import pack, single_fmu_system
@@ -162,15 +161,6 @@ def test_steps_that_rounding_swallows_are_refused(
         run(system_of(pack(tmp_path / "A.fmu")), start=start, stop=start + 1.0, step=step)
 
 
-def test_rows_before_an_event_know_nothing_of_what_comes_after() -> None:
-    rows: list[list[float]] = []
-    grid = OutputGrid(lambda row: rows.append(list(row)), 0.25, discrete=[2])
-    for t in range(9):
-        grid.take([float(t), float(t > 4), float(t > 4)])
-    grid.flush()
-    assert all(x == (t > 4) for t, x, _ in rows if t <= 4 or t >= 5)
-
-
 def test_a_real_that_is_discrete_is_not_interpolated(tmp_path: Path) -> None:
     fmu = pack(tmp_path / "A.fmu", counts=True)
     with ZipFile(fmu) as archive:
@@ -210,15 +200,6 @@ def test_a_run_without_files_shows_where_it_ends(
     assert f"A.y   {math.exp(-1):.6g}" in command_output(
         "run", fmu, "--stop", "1", "--step", "0.1", "--record", "A.y"
     )
-    result = run(single_fmu_system(fmu), stop=1.0, step=0.1, record=["A.y"])
-    assert repr(result) == "Result(complete, 0 to 1 s: A.y [])"
-    page = result._repr_html_()
-    for text in ("complete, 0 to 1 s", "data:image/png;base64,iV", f"<td>{math.exp(-1):.6g}</td>"):
-        assert text in page
-    result.provenance["warnings"].append("A: 3 < 4")
-    assert "<p>A: 3 &lt; 4</p>" in result._repr_html_()
-    empty = result.select(slice(0))
-    assert "<td>" not in empty._repr_html_()
 
 
 def test_the_version_is_the_project_s(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -142,7 +141,7 @@ def test_a_table_is_a_file(
 
 
 def test_blanks_without_end_take_no_time() -> None:
-    began = time.process_time()
+    """Patterns that go back over them would take hours."""
     for text in (f"a{MANY}b", f"a{MANY}* x", f"{MANY}a * 2{MANY}+ x"):
         with pytest.raises(SetupError):
             Reading.read(text, ["a"], "a table")
@@ -152,4 +151,3 @@ def test_blanks_without_end_take_no_time() -> None:
         parse_change(f"at 1{MANY}a b")
     assert Wire.read(f"a.b{MANY}*{MANY}2{MANY}->{MANY}c.d").factor == 2.0
     assert parse_change(f"at 1{MANY}s{MANY}a.b{MANY}={MANY}3") == (1.0, "a.b", "3")
-    assert time.process_time() - began < 60.0
