@@ -24,7 +24,7 @@ from cosim.progress import bar_of_runs
 from cosim.rounding import unit_suffix
 
 from .answer import Answer, Findings, GivenValue, Table, option_values, parameters
-from .context import Context
+from .context import Context, captured_log_warnings
 from .find import Find, find, solve_each
 from .judgement import Holds, Judgement, capital
 from .live import Slider
@@ -416,11 +416,13 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
     search: Search | None = answer.search
     if search is None or search.is_empty or seconds <= 0.0:
         return answer, []
-    if search.first[2] > seconds:
+    with captured_log_warnings():  # of values that nobody has chosen
+        takes = search.first[2]
+        found = search.remedies() if takes <= seconds else []
+    if takes > seconds:
         return answer, [
-            f"What would change that takes about {search.first[2]:.2g} s to find: ask again with --remedies"
+            f"What would change that takes about {takes:.2g} s to find: ask again with --remedies"
         ]
-    found = search.remedies()
     lines = [x.lines() for x in found]
     every = [*(x[0] for x in lines), *(y for x in lines for y in x[1:])]
     more = len(every) - MOST_LINES

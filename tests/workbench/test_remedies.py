@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,9 @@ from typing import Any
 import pytest
 
 from cosim import SetupError
-from tests.conftest import fmus_of
-from workbench import Context, Figure, Findings, Judgement, Question, Slider, option
+from scenarios.project import PROJECT
+from tests.conftest import ROOT, fmus_of
+from workbench import Context, Figure, Findings, Judgement, Question, Slider, cli, option
 from workbench.answer import option_values
 from workbench.export import print_and_write
 from workbench.find import Find
@@ -211,3 +214,31 @@ def test_the_speeds_that_make_a_drive_safe_are_those_between_which_it_is_not() -
             abs(found["speed", is_upper].value - full.figures[name].value)
             <= found["speed", is_upper].error
         )
+
+
+def quoted(page: str, heading: str) -> list[tuple[str, list[str]]]:
+    """The commands below a heading, and the lines that the page quotes of each."""
+    text = (ROOT / "docs" / page).read_text().partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    blocks = re.findall(r"```sh\n\.venv/bin/scenarios (.*)\n```\n\n((?:>.*\n)+)", text)
+    return [(x, [y[2:] for y in lines.splitlines() if y[2:]]) for x, lines in blocks]
+
+
+@pytest.mark.parametrize(
+    ("page", "heading", "number"),
+    [
+        ("drive.md", "From *avoid* to *safe*", 2),
+        ("scenarios.md", "What would make an answer good", 2),
+        ("scenarios.md", "Machines that scatter", 1),
+    ],
+)
+def test_pages_quote_remedies_as_they_are(
+    page: str, heading: str, number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = quoted(page, heading)
+    assert len(commands) == number
+    for command, lines in commands:
+        words = shlex.split(command)
+        out = [] if words[0] == "find" else ["--out", str(tmp_path / words[1])]
+        assert cli.main([*words, *out], PROJECT, "scenarios") == 0
+        printed = capsys.readouterr().out
+        assert all(line in printed for line in lines)
