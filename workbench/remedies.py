@@ -298,7 +298,7 @@ class Search:
 
     def remedies(self) -> list[Remedies]:
         """Return what makes each judgement good: the nearest stretches on both sides, or that of the present value."""
-        if self.is_empty:
+        if self.is_empty or not self.first[1]:
             return []
         before = self.judgements(self.question, self.first[0])
         ends = []
@@ -423,19 +423,16 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
         return answer, [
             f"What would change that takes about {takes:.2g} s to find: ask again with --remedies"
         ]
+    if not found:
+        return answer, []
     lines = [x.lines() for x in found]
     every = [*(x[0] for x in lines), *(y for x in lines for y in x[1:])]
     more = len(every) - MOST_LINES
     rows = [row for x in found for row in x.rows()]
-    table = (
-        Table.of_rows([[*row.values()] for row in rows], dict.fromkeys(rows[0], ""))
-        if rows
-        else None
-    )
-    more_tables = {TABLE: table} if table else {}
+    table = Table.of_rows([[*row.values()] for row in rows], dict.fromkeys(rows[0], ""))
     return replace(
         answer,
         verdict="\n".join([answer.verdict, *every]),
-        tables={**answer.tables, **more_tables},
+        tables={**answer.tables, TABLE: table},
         facts={**answer.facts, "remedies": rows},
     ), [*every[:MOST_LINES], *([f"{more} more in {TABLE}"] if more > 0 else [])]

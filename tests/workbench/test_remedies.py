@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +162,8 @@ def test_a_search_that_takes_longer_is_left_and_said_and_a_good_answer_has_none(
     assert same is got
     assert "--remedies" in lines[0]
     assert with_remedies(answer(Oscillator, oscillator(w=0.5), {}), math.inf)[1] == []
+    idle = replace(got.search, ranges=[x for x in got.search.ranges if x.name == "paint"])
+    assert with_remedies(replace(got, search=idle), math.inf)[1] == []
 
 
 def vary(name: str, low: float, high: float) -> Find:
