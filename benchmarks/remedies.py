@@ -51,9 +51,8 @@ def stated(remedy: Remedy, excess: Excess) -> Stated:
         truth: float | None = float(brentq(partial(excess, remedy), *ends, rtol=1e-9))
     except (ValueError, NoOrbitError):
         truth = None
-    return Stated(
-        (remedy.value + remedy.outside) / 2.0, *sorted((remedy.outside, remedy.value)), truth
-    )
+    low, high = sorted((remedy.outside, remedy.value))
+    return Stated((low + high) / 2.0, low, high, truth)
 
 
 def searched(o: Any, context: Context, sliders: Sequence[Slider]) -> Search:
@@ -148,8 +147,12 @@ def orientator(seed: int) -> Trial:
         "speed": rng.uniform(3.4, 4.3),
         "start": {"orientator.cup.m": rng.uniform(0.03, 0.05)},
     }
-    finer = {"step": PROJECT.load("orientator_cycle").parse({}).step / 2.0}
-    return trial("orientator", seed, *asked_again("orientator_cycle", options, finer), str(options))
+    return trial(
+        "orientator",
+        seed,
+        *asked_again("orientator_cycle", options, {"step": "0.5ms"}),
+        str(options),
+    )
 
 
 def each(one: Callable[[int], Trial], seeds: Sequence[int]) -> list[Trial]:

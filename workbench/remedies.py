@@ -405,7 +405,7 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
     inputs = [Range(x.over, x.unit, given[x.over].value, x.low, x.high) for x in varied]
     search = Search(o, context, inputs, judge, [0])
     idle = [f"{wanted}: no effect of {x.name}" for x in inputs if x not in search.first[1]]
-    return [*search.remedies()[0].lines(), *idle]
+    return [*(line for x in search.remedies() for line in x.lines()), *idle]
 
 
 def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:

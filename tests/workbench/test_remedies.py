@@ -188,6 +188,8 @@ def test_values_until_a_figure_has_a_level_or_is_within_a_bound() -> None:
     )
     assert "yes with any c from 0.9 to 1.1" in lines[0]
     assert lines[1] == "gain >= 2: no effect of paint"
+    (line,) = values_until(oscillator(), Context({}), "gain >= 2", [vary("paint", 1.0, 2.0)])
+    assert line == "gain >= 2: no effect of paint"
     with pytest.raises(SetupError, match="has no figure 'gian'"):
         values_until(oscillator(), Context({}), "gian <= 2", [vary("w", 0.5, 3.0)])
     with pytest.raises(SetupError, match="must read"):
