@@ -352,12 +352,12 @@ def misfit(what: str, reasons: Sequence[str]) -> list[Judgement]:
     return [Judgement(what, is_so=False), *(Judgement("", note=reason) for reason in reasons)]
 
 
-def next_record(advice: Sequence[Advice], now: float, what: str, unit: str) -> Judgement:
+def next_record(advice: Sequence[Advice], now: Figure, what: str, unit: str) -> Judgement:
     """Return which record to make next; those within SAME of the best are as good."""
     best = [x for x in advice if x.error <= (1 + SAME) * advice[0].error]
     error = max(x.error for x in best)
     narrows = f"narrows the interval of {what}"
-    if error >= now / (1 + SAME):
+    if now.error and error >= now.error / (1 + SAME):
         return Judgement(f"a further record of these kinds {narrows} by much", is_so=False)
     names = " or ".join(x.name for x in best)
     return Judgement(

@@ -53,6 +53,16 @@ def turn(system: System, speed: float, samples: int = 1440, rotor: float = FLYWH
     return cosim.run(imposed(system, speed, rotor), stop=h * samples, step=h)
 
 
+def cycles(speed: float) -> Figure:
+    """The cycles per minute of a speed of the cam [rad/s]."""
+    return Figure(speed * PER_MINUTE, "1/min", 0.0, "cycles per minute")
+
+
+def pace(speed: float) -> str:
+    """A speed of the cam [rad/s] in words, with its cycles."""
+    return f"{speed:.4g} rad/s ({cycles(speed).brief('cycles/min')})"
+
+
 def phases(parameters: Mapping[str, Any]) -> list[Span]:
     """The parts of a turn over the cam angle [deg]."""
     widths = [math.degrees(parameters[f"cam.{x}"]) for x in ("rise", "top", "ret")]

@@ -147,7 +147,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         return [
             self.ripple_below_limit(f["tau2"], r.more.operating),
             Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
-            next_record(r.advice, f["nu_res"].error or math.inf, "the resonance", "rad/s"),
+            next_record(r.advice, f["nu_res"], "the resonance", "rad/s"),
         ]
 
     def ripple_below_limit(self, tau2: Figure, speed: float) -> Judgement:

@@ -158,8 +158,7 @@ class IronBounce(Question):
         else:
             turn["landings"] = f["landings"]._replace(error=0.0)
         limits = {x: y for x, y in r[1].limits.items() if x.startswith("follower")}
-        cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
-        return {**limits, **turn, "cycles": cycles}
+        return {**limits, **turn, "cycles": iron.cycles(self.speed)}
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the sweep."""
@@ -167,7 +166,7 @@ class IronBounce(Question):
 
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
         """Whether the follower stays on its cam at the speed, and what it does if not."""
-        at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+        at = iron.pace(self.speed)
         limit = f["follower_limit"]
         cycles = scaled(limit, iron.PER_MINUTE, "cycles/min", "")
         stays = Judgement(

@@ -124,7 +124,6 @@ class IronCycle(Question):
             for name in ("tau_cam_min_angle", "tau_cam_max_angle")
         }
         work = scaled(f["work"], self.speed, "J", f["work"].meaning)
-        cycles = Figure(self.speed * iron.PER_MINUTE, "1/min", 0.0, "cycles per minute")
         (limit, _), meaning = iron.first_limit(r[1].limits), "speed as a share of the first limit"
         share = Figure.undetermined("%", "the first limit is 0", meaning)
         if limit.value:
@@ -138,7 +137,13 @@ class IronCycle(Question):
                 x: y._replace(meaning=f"{y.meaning}, of a drive that is held together")
                 for x, y in read.items()
             }
-        return {**read, "cycles": cycles, **r[1].limits, "share": share, **of_dimensions}
+        return {
+            **read,
+            "cycles": iron.cycles(self.speed),
+            **r[1].limits,
+            "share": share,
+            **of_dimensions,
+        }
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the transfer functions and the shares of the dimensions."""
@@ -147,7 +152,7 @@ class IronCycle(Question):
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """Whether the speed is safe, what the drive carries, and which dimensions matter."""
         limit, event = iron.first_limit(f)
-        at = f"{self.speed:.4g} rad/s ({f['cycles'].brief('cycles/min')})"
+        at = iron.pace(self.speed)
         safe = Judgement(
             f"{at} is below the speed where {event}",
             Figure(self.speed, "rad/s", 0.0),

@@ -133,7 +133,7 @@ class IronIdentify(Question, RecordOptions):
             Judgement("guide friction over the pull of the chain", f["mu"]),
             Judgement("mass of the iron", f["iron_iron_m"]),
             Judgement("stiffness of its spring", f["iron_spring_c"]),
-            next_record(r.advice, f["mu"].error or math.inf, "the friction", ""),
+            next_record(r.advice, f["mu"], "the friction", ""),
         ]
 
     def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:

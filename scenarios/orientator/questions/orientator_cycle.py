@@ -133,24 +133,29 @@ class OrientatorCycle(Question, RunOptions):
     def figures(self, r: Result) -> dict[str, Figure]:
         """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
 
-        def last(name: str, meaning: str, *, reached: bool = True) -> Figure:
+        def last(name: str, meaning: str, why: str = "") -> Figure:
             value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
-            stage_text = Figure(value, unit, 0.0, meaning)
-            return stage_text if reached else Figure.undetermined(unit, ending(r), meaning)
+            if why:
+                return Figure.undetermined(unit, why, meaning)
+            return Figure(value, unit, 0.0, meaning)
 
-        oriented = r["orientator.stage"][-1] == orientator.ORIENTED
+        end, oriented = ending(r), r["orientator.stage"][-1] == orientator.ORIENTED
+        reached = {x: r[f"orientator.t_{x}"][-1] > 0.0 for x in STAGES}
         all_figures = {
             "oriented": Figure(float(oriented), "1", 0.0, "oriented: 1, or not: 0"),
-            "orientation_time": last("orientation_time", "time from drop to end", reached=oriented),
+            "orientation_time": last(
+                "orientation_time", "time from drop to end", "" if oriented else end
+            ),
         }
-        for x in STAGES:
-            reached = r[f"orientator.t_{x}"][-1] > 0.0
-            all_figures[f"t_{x}"] = last(f"t_{x}", f"duration of the stage {x}", reached=reached)
+        for x, is_reached in reached.items():
+            all_figures[f"t_{x}"] = last(
+                f"t_{x}", f"duration of the stage {x}", "" if is_reached else end
+            )
         for name, (column, meaning, landing) in IMPULSES.items():
-            figure, landed = last(column, meaning), r[f"orientator.t_{landing}"][-1] > 0.0
+            landed = reached[landing]
             landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
-            why = f"it does not come to that: {ending(r)}"
-            all_figures[name] = figure if landed else Figure.undetermined(figure.unit, why, meaning)
+            why = "" if landed else f"it does not come to that: {end}"
+            all_figures[name] = last(column, meaning, why)
         return all_figures
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:

@@ -129,7 +129,7 @@ class OrientatorIdentify(Question, RecordOptions):
                 no=f"The rotor may turn at up to {f['limit'].brief()} only; the fastest product of the record has",
             ),
             Judgement("friction between cup and wall", mu),
-            next_record(r.advice, mu.error or math.inf, "the friction", ""),
+            next_record(r.advice, mu, "the friction", ""),
         ]
 
     def show(self, f: Mapping[str, Figure], r: Fitted) -> Show:
@@ -229,19 +229,14 @@ def further_products(fit: Identified, tried: Sequence[int], count: int) -> dict[
 
 def misfits(r: Fitted) -> list[str]:
     """Why no friction fits, by stages and products."""
-    fit, sentences = r.fit, []
-    (low, high), sum = fit.band, fit.chi2
-    if not low <= sum <= high:
-        side = "above" if sum > high else "below"
-        sentences.append(
-            f"chi2 = {sum:.4g} of {fit.dof} lies {side} its 99.9 % band, {low:.4g} to {high:.4g}."
-        )
+    fit = r.fit
+    sentences = [why for why in fit.misfit if why.startswith("chi2")]
     for name, residual in fit.residuals.items():
         deviation = (residual.measured - residual.fitted) / residual.sigma
         k = int(np.argmax(abs(deviation)))
         row = round(residual.times[k] / PERIOD) - 1
         sentences.append(
             f"{name}: off by {math.sqrt(float(np.mean(deviation**2))):.1f} times the noise, rms, and at "
-            f"most by {deviation[k]:+.1f} times, at {r.guess[row]:.4g} rpm, row {row + 2}."
+            f"most by {deviation[k]:+.1f} times, at {r.guess[row]:.4g} rpm, row {row + 2}"
         )
     return sentences
