@@ -206,6 +206,7 @@ def test_python_asks_what_the_command_asks(
         "36:44:3",
         "--flavour",
         "native",
+        "--no-remedies",
         "--out",
         str(folder),
     ]
