@@ -6,11 +6,13 @@ Arrays have the step size as their first axis: row 0 is that of the communicatio
 
 from __future__ import annotations
 
+import ast
 import math
 from collections import defaultdict
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, partial, reduce
+from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,13 +22,13 @@ from cosim import CONVERGENCE_ORDERS, SetupError, System
 from cosim.accuracy.limit import Limit, Reason, limit
 from cosim.system import connect
 
-from .answer import Findings, parameters
-from .branches import Branch, first_of_same, follow_branches
+from .answer import Findings, Table, parameters
+from .branches import BEYOND, Branch, first_of_same, follow_branches
 from .context import Context
-from .figure import Figure, scaled
+from .figure import Figure
 from .formula import Formula
-from .live import Reader
-from .method import as_declared, follows
+from .live import Number, Reader
+from .method import as_declared
 from .options import declared
 from .steady import ORBIT_ANGLES, TURN, LastTwoTurns, steady_turns
 
@@ -92,11 +94,12 @@ def sector_peaks(waveform: Array) -> Array:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Rod forces of all sectors at a step of zero, up to where each may reach [N], and whether that is known."""
+    """Rod forces of all sectors at a step of zero, up to where each may reach [N], whether that is known, and with each step."""
 
     value: Array
     reach: Array
     is_known: NDArray[np.bool_]
+    steps: Array
 
     def each(self, function: Callable[[Any], Any]) -> Peaks:
         """Return a function of each array."""
@@ -121,7 +124,7 @@ def force_peaks(waveform: Array) -> Peaks:
     of_all = at_zero_step(peaks, FORCE_ORDER)
     reach = of_all.extrapolated + of_all.extrapolated_error + 2.0 * rows[0]
     reach = np.where(np.isfinite(reach), reach, np.inf)
-    return Peaks(of_all.extrapolated, reach, of_all.is_stated)
+    return Peaks(of_all.extrapolated, reach, of_all.is_stated, peaks)
 
 
 def figure_of(found: Limit, k: Any, unit: str, meaning: str, why: str = "") -> Figure:
@@ -141,15 +144,138 @@ def orbit_figure(value: float, error: float, unit: str, meaning: str, why: str) 
     return Figure(float(value), unit, float(error), meaning)
 
 
+ARRAYS = ("value", "error", "steps")
+
+
+class FigureColumn(NamedTuple):
+    """A figure of many motions: values, errors, nan where they are not known, and values with each step, shape (k, n)."""
+
+    value: Array
+    error: Array
+    unit: str
+    meaning: str
+    steps: Array
+
+    def each(
+        self, function: Callable[[Any], Any], unit: str, meaning: str, slope: Any = 1.0
+    ) -> FigureColumn:
+        """Return a function of each value, whose slope is known."""
+        error = self.error * np.abs(slope)
+        return FigureColumn(function(self.value), error, unit, meaning, function(self.steps))
+
+    def take(self, index: Any) -> FigureColumn:
+        """Return that of some of the motions."""
+        arrays: Any = {name: getattr(self, name)[..., index] for name in ARRAYS}
+        return self._replace(**arrays)
+
+    def beside(self, other: FigureColumn) -> FigureColumn:
+        """Return these values and others."""
+        arrays: Any = {
+            name: np.concatenate((getattr(self, name), getattr(other, name)), -1) for name in ARRAYS
+        }
+        return self._replace(**arrays)
+
+
+class Columns(Mapping[str, FigureColumn]):
+    """Figures that are computed when they are asked for."""
+
+    def __init__(self, functions: Mapping[str, Callable[[], FigureColumn]]) -> None:
+        self._functions = functions
+        self._known: dict[str, FigureColumn] = {}
+
+    def __getitem__(self, name: str) -> FigureColumn:
+        if name not in self._functions:
+            raise SetupError(f"there is no figure {name!r}, only {', '.join(self)}")
+        if name not in self._known:
+            self._known[name] = self._functions[name]()
+        return self._known[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._functions)
+
+    def __len__(self) -> int:
+        return len(self._functions)
+
+    def each(self, function: Callable[[str, FigureColumn], FigureColumn]) -> Columns:
+        """Return a function of name and figure, of each."""
+        return Columns({name: lambda name=name: function(name, self[name]) for name in self})  # type: ignore[misc]
+
+
 class SteadyMotion(NamedTuple):
-    """A steady motion that a question has found: its figures; with the shortest step, its last turn at even angles by
-    column, the states where a turn begins, and the share of a deviation that a turn leaves.
+    """A steady motion: its figures, what is read over the last turn at even angles, the states at its start, and the
+    largest size of its Floquet multipliers.
     """
 
     figures: Mapping[str, Figure]
     turn: Mapping[str, Array]
     states: Array
     multiplier: float
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Motions of questions: figures by name, why there is none, multipliers, states, and values over the last turn with
+    each step, shape (k, n, angles).
+    """
+
+    asked: Sequence[Any]
+    columns: Columns
+    problems: NDArray[np.object_]
+    multipliers: Array
+    states: Array
+    turn: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.asked)
+
+    def __getitem__(self, index: Any) -> Motions:
+        """Return some of them."""
+        k = np.arange(len(self))[index]
+        return Motions(
+            [self.asked[i] for i in k], self.columns.each(lambda _, x: x.take(k)), self.problems[k],
+            self.multipliers[k], self.states[k], {name: x[:, k] for name, x in self.turn.items()},
+        )  # fmt: skip
+
+    def beside(self, other: Motions) -> Motions:
+        """Return these and others of the same kind."""
+        columns = self.columns.each(lambda name, x: x.beside(other.columns[name]))
+        turn = {name: np.concatenate([x, other.turn[name]], 1) for name, x in self.turn.items()}
+        problems, multipliers, states = (
+            np.concatenate([getattr(x, name) for x in (self, other)])
+            for name in ("problems", "multipliers", "states")
+        )
+        return Motions([*self.asked, *other.asked], columns, problems, multipliers, states, turn)
+
+    def figure(self, name: str, j: int) -> Figure:
+        """Return a figure of a motion."""
+        x = self.columns[name]
+        meaning = x.meaning.format(**vars(self.asked[j]))
+        return orbit_figure(x.value[j], x.error[j], x.unit, meaning, self.problems[j])
+
+    def motion(self, j: int) -> SteadyMotion:
+        """Return one of them, with its figures."""
+        figures = {name: self.figure(name, j) for name in self.columns}
+        turn = {name: x[0, j] for name, x in self.turn.items()}
+        return SteadyMotion(figures, turn, self.states[j], float(self.multipliers[j]))
+
+    @classmethod
+    def of(cls, asked: Sequence[Any], found: Sequence[Findings | SetupError]) -> Motions:
+        """Return what is found of other questions in the same form, with figures but no motions."""
+        some = [{} if isinstance(x, SetupError) else x.figures for x in found]
+
+        def column(name: str) -> FigureColumn:
+            unknown = Figure.undetermined("1", "")
+            figures = [of_one.get(name, unknown) for of_one in some]
+            value, error = np.array(
+                [(x.value, math.nan if x.error is None else x.error) for x in figures]
+            ).T
+            return FigureColumn(value, error, figures[0].unit, "", value[None])
+
+        names = dict.fromkeys(name for of_one in some for name in of_one)
+        problems = np.array([str(x) if isinstance(x, SetupError) else "" for x in found], object)
+        unknown = np.full((len(asked), 1), np.nan)
+        columns = Columns({name: partial(column, name) for name in names})
+        return cls(asked, columns, problems, unknown[:, 0], unknown, {})
 
 
 @dataclass(frozen=True)
@@ -159,7 +285,8 @@ class Orbit:
     A question of this method has options `steps_per_rev` and `algorithm`; its `system` has start values near the orbit. Its
     `numbers` are read from the last turn, see `Reader`. Where it has a method `starts` that returns several states, all
     motions to which they lead are found, and all that lie beside those of other questions that differ in the speed alone. The figures are those of the
-    motion whose number `worst` is largest; `data` of the findings has all, that first.
+    motion whose number `worst` is largest; `data` of the findings has all, that first. A class method `more_columns` of the
+    question returns more figures of many motions, and its `coarsest` says how many times its step a run is stable with.
 
     Attributes
     ----------
@@ -184,49 +311,130 @@ class Orbit:
         """The options that a question must have."""
         return self.speed, "steps_per_rev", "algorithm"
 
-    def turns(
-        self,
-        context: Context,
-        system: System,
-        cases: Mapping[str, Array],
-        speed: Array,
-        **settings: Any,
-    ) -> LastTwoTurns:
-        """Return the last turns of many members, AT_ONCE at a time, which are kept; all else as of `steady_turns`."""
-
-        def block(some: NDArray[Any]) -> tuple[Any, ...]:
-            own = {"steps_per_rev": settings["steps_per_rev"][some]}
-            turns = steady_turns(
-                system, {name: x[some] for name, x in cases.items()}, self.states, self.angle, speed[some],
-                **{**settings, **own}, jobs=context.jobs,
-            )  # fmt: skip
-            return tuple(vars(turns).values())
-
-        n = len(speed)
-        blocks = np.array_split(np.arange(n), max(1, math.ceil(n / AT_ONCE)))
-        columns, *of_blocks, problems = zip(*context.each(block, blocks, "orbits", here=True))
-        values, periods, left, ends = map(np.concatenate, of_blocks)
-        return LastTwoTurns(columns[0], values, periods, left, ends, [*chain(*problems)])
-
-    def branches(
-        self, context: Context, asked: Sequence[Any]
-    ) -> list[tuple[NDArray[np.intp], Branch]]:
-        """Return the branches of motions of questions that have the same whole numbers and texts, with their numbers."""
-        batch = _Batch(self, context, asked, [o.system(context.fmus) for o in asked])
-        return batch.branches(batch.starts())
-
     def measure(self, context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
-        """Run all questions together that have the same whole numbers and texts for start values."""
-        systems = [o.system(context.fmus) for o in asked]
+        """Return what each question finds of its motions."""
+        found: dict[int, Findings] = {}
+        for batch, some in self._batches(context, asked):
+            numbers, motions = batch.all_motions()
+            for i, k in enumerate(some):
+                own = [motions.motion(int(j)) for j in np.flatnonzero(numbers == i)]
+                found[k] = self._findings(asked[k], batch.systems[i], own)
+        return [found[k] for k in range(len(asked))]
+
+    def worst_motions(
+        self, context: Context, asked: Sequence[Any], states: Array | None = None
+    ) -> Motions:
+        """Return the worst motion of each question, or that to which states lead."""
+        parts, order = [], []
+        for batch, some in self._batches(context, asked):
+            if states is None:
+                numbers, motions = batch.all_motions()
+                parts.append(motions[self.worst_of(numbers, motions)])
+            else:
+                parts.append(batch.motions(np.arange(len(some)), states[some]))
+            order += some
+        return reduce(Motions.beside, parts)[np.argsort(order)]
+
+    def branches(self, context: Context, asked: Sequence[Any]) -> tuple[Motions, list[Branch]]:
+        """Return the motions of questions that are run alike, and the branches that they form, in that order.
+
+        Lines are those of questions that differ in the speed alone, numbered as they are first met by speed; a branch
+        with one motion may be that of a question that has none. `asked` of the motions says which question is theirs.
+        """
+        ((batch, _),) = self._batches(context, asked)
+        pairs = batch.branches()
+        numbers = np.concatenate([some for some, _ in pairs])
+        motions = batch.motions(numbers, np.concatenate([b.states for _, b in pairs]))
+        return motions, [b for _, b in pairs]
+
+    def motions(
+        self, context: Context, asked: Sequence[Any], states: Array, multiples: int
+    ) -> Motions:
+        """Return the motions of questions that are run alike, to which states lead, with so many of STEP_MULTIPLES."""
+        ((batch, _),) = self._batches(context, asked)
+        return batch.motions(np.arange(len(asked)), states, multiples)
+
+    def worst_of(self, numbers: NDArray[np.intp], motions: Motions) -> list[int]:
+        """Return which motion is the worst of each question."""
+        height = motions.columns[self.worst].value if self.worst else np.zeros(len(motions))
+        order = np.lexsort((-np.nan_to_num(height, nan=-math.inf), numbers))
+        return [int(j) for k, j in enumerate(order) if not k or numbers[j] != numbers[order[k - 1]]]
+
+    def _batches(
+        self, context: Context, asked: Sequence[Any]
+    ) -> Iterator[tuple[_Batch, list[int]]]:
+        """The questions that have the same whole numbers and texts for start values, together, and their numbers."""
         alike: dict[Hashable, list[int]] = defaultdict(list)
+        systems = [o.system(context.fmus) for o in asked]
         for k, (o, system) in enumerate(zip(asked, systems)):
             texts = {name: x for name, x in system.start.items() if not isinstance(x, float)}
             alike[o.algorithm, tuple(system.start), *texts.items()].append(k)
-        found: dict[int, Findings] = {}
         for some in alike.values():
-            batch = _Batch(self, context, [asked[k] for k in some], [systems[k] for k in some])
-            found |= zip(some, batch.findings())
-        return [found[k] for k in range(len(asked))]
+            yield _Batch(self, context, [asked[k] for k in some], [systems[k] for k in some]), some
+
+    def _findings(self, o: Any, system: System, motions: list[SteadyMotion]) -> Findings:
+        if self.worst:
+            motions.sort(key=lambda x: -np.nan_to_num(x.figures[self.worst].value, nan=-math.inf))
+        return Findings(
+            motions[0].figures, motions, system, algorithm=o.algorithm,
+            communication=f"{o.steps_per_rev} steps per revolution",
+        )  # fmt: skip
+
+
+def measured(context: Context, asked: Sequence[Any], states: Array | None = None) -> Motions:
+    """Return what is found of questions of one class as arrays; of orbits, that to which states lead."""
+    method = asked[0].method
+    if isinstance(method, Orbit):
+        return method.worst_motions(context, asked, states)
+    return Motions.of(asked, type(asked[0]).solve_all(context, asked))
+
+
+def table_of(
+    context: Context,
+    csv: str,
+    asked: Sequence[Any],
+    inputs: Mapping[str, tuple[str, Sequence[float]]],
+    figures: Mapping[str, str],
+) -> tuple[Table, Motions]:
+    """Return a table of the worst motions of questions, and these; rows are kept as they come.
+
+    Parameters
+    ----------
+    context : Context
+        Where they are asked.
+    csv : str
+        The file of the table.
+    asked : sequence
+        Questions of one class, which are asked AT_ONCE at a time.
+    inputs : mapping
+        Columns of what varies: the unit, and a value for each question.
+    figures : mapping
+        What figures are called in it. Behind a figure comes its error, unless it is that of a formula.
+    """  # fmt: skip
+    blocks = [asked[k : k + AT_ONCE] for k in range(0, len(asked), AT_ONCE)]
+    every = (measured(context, block) for block in blocks)
+    found = [next(every)]
+    units = {name: unit for name, (unit, _) in inputs.items()}
+    for figure, name in figures.items():
+        column = found[0].columns[figure]
+        units[name] = column.unit
+        if (column.error != 0.0).any():
+            units[f"{name}_error"] = column.unit
+
+    def rows() -> Iterator[list[float]]:
+        first = 0
+        for motions in chain(found[:1], every):
+            if first:
+                found.append(motions)
+            values: dict[str, Any] = {name: x[first:] for name, (_, x) in inputs.items()}
+            for figure, name in figures.items():
+                x = motions.columns[figure]
+                values |= {name: x.value, f"{name}_error": x.error}
+            first += len(motions)
+            for k in range(len(motions)):
+                yield [float(values[name][k]) for name in units]
+
+    return context.record_rows(csv, units, rows()), reduce(Motions.beside, found)
 
 
 class _Batch:
@@ -236,14 +444,8 @@ class _Batch:
         self, method: Orbit, context: Context, asked: Sequence[Any], systems: Sequence[System]
     ) -> None:
         self.method, self.context, self.asked, self.systems = method, context, asked, systems
-        given = {name: x.value for name, x in parameters(systems[0]).items()}
-        self.values = [
-            {name: float(x) for name, x in {**given, **system.start, **o.values}.items() if isinstance(x, int | float)}
-            for o, system in zip(asked, systems)
-        ]  # fmt: skip
         readers = [x.value for x in asked[0].numbers if isinstance(x.value, Reader)]
-        self.formulas = {x.column: Formula.read(x.column) for x in readers}
-        used = {name for formula in self.formulas.values() for name in formula.names}
+        used = {name for x in readers for name in Formula.read(x.column).names}
         network = connect(systems[0])
         is_output = {
             f"{part}.{x.name}": x.causality == "output"
@@ -254,102 +456,106 @@ class _Batch:
         self.units = {
             name: network.port(name).unit for name in is_output if name in used | {method.rate}
         }
+        given = {name: x.value for name, x in parameters(systems[0]).items()}
+        self.constants = {name: x for name, x in given.items() if isinstance(x, int | float)}
 
-    def findings(self) -> list[Findings]:
-        """Return what is found of each question."""
-        case, states = self.motions()
-        k = len(STEP_MULTIPLES)
-        turns = self.turns(
-            [self.asked[i] for i in case] * k, [self.systems[i] for i in case] * k,
-            np.tile(states, (k, 1)), np.repeat(STEP_MULTIPLES, len(case)),
-        )  # fmt: skip
+    def values(self, numbers: NDArray[np.intp]) -> dict[str, Any]:
+        """Return the parameters and options of questions with these numbers, an array where they differ."""
+        own = [{**self.systems[i].start, **self.asked[i].values} for i in numbers]
+        numeric = [name for name, x in own[0].items() if isinstance(x, int | float)]
+        return self.constants | {name: np.array([x[name] for x in own]) for name in numeric}
+
+    def all_motions(self) -> tuple[NDArray[np.intp], Motions]:
+        """Return all motions, each once, and the numbers of their questions."""
+        pairs = self.branches()
+        numbers = np.concatenate([some for some, _ in pairs])
+        motions = self.motions(numbers, np.concatenate([b.states for _, b in pairs]))
+        if len(numbers) > len(self.asked):
+            own = first_of_same(numbers.tolist(), motions.states)
+            numbers, motions = numbers[own], motions[own]
+        return numbers, motions
+
+    def motions(
+        self, numbers: NDArray[np.intp], states: Array, multiples: int = len(STEP_MULTIPLES)
+    ) -> Motions:
+        """Return the motions of questions with these numbers, to which states lead, with so many of STEP_MULTIPLES."""
+        k, n = multiples, len(numbers)
+        asked = [self.asked[i] for i in numbers]
+        systems = [self.systems[i] for i in numbers]
+        multiple = np.repeat(STEP_MULTIPLES[:k], n)
+        is_stable = multiple <= np.tile([coarsest(o) for o in asked], k)
+        begin = np.where(is_stable[:, None], np.tile(states, (k, 1)), np.nan)
+        turns = self.turns(asked * k, systems * k, begin, multiple)
         problems = np.array(turns.problems, object).reshape(k, -1)
-        numbers = [
-            (x, *self.read(x.value, turns, case))
-            for x in self.asked[0].numbers
-            if isinstance(x.value, Reader)
-        ]
-        motions: dict[int, list[SteadyMotion]] = defaultdict(list)
-        for j in np.flatnonzero(first_of_same(case.tolist(), turns.states[: len(case)])).tolist():
-            i = int(case[j])
-            why = next(filter(None, problems[:, j]), "")
-            figures: dict[str, Figure] = {}
-            for x, value, error in numbers:
-                one = as_declared(
-                    self.asked[i],
-                    x,
-                    Figure(1.0, self.units.get(x.value.column, "1"), 0.0),
-                    self.units,
-                )
-                found = orbit_figure(value[j], error[j], one.unit, one.meaning, why)
-                figures[x.name] = scaled(found, one.value, one.unit, one.meaning)
-            for x in self.asked[i].numbers:
-                if not isinstance(x.value, Reader):
-                    figures[x.name] = follows(x, figures, self.values[i])._replace(
-                        meaning=x.meaning
-                    )
-            turn = {name: turns.of(name)[j, 1] for name in turns.columns}
-            figures |= self.asked[i].more_figures(figures, self.values[i])
-            motions[i].append(
-                SteadyMotion(figures, turn, turns.states[j], float(turns.contraction[j]))
-            )
-        return [self.finding(i, motions[i]) for i in range(len(self.asked))]
-
-    def finding(self, i: int, motions: list[SteadyMotion]) -> Findings:
-        """Return the findings of a question of these motions."""
-        o, worst = self.asked[i], self.method.worst
-        if worst:
-            motions.sort(key=lambda x: -np.nan_to_num(x.figures[worst].value, nan=-math.inf))
-        return Findings(
-            motions[0].figures, motions, self.systems[i], algorithm=o.algorithm,
-            communication=f"{o.steps_per_rev} steps per revolution",
-        )  # fmt: skip
+        why = [next(filter(None, reasons), "") for reasons in problems.T]
+        turn = {name: turns.of(name)[:, 1].reshape(k, n, -1) for name in turns.columns}
+        reading = _Reading(self, turns, cache(lambda: self.values(numbers)), k)
+        functions: dict[str, Callable[[], FigureColumn]] = {}
+        columns = Columns(functions)
+        functions |= {x.name: partial(reading.column, x, columns) for x in asked[0].numbers}
+        if hasattr(asked[0], "more_columns"):
+            functions |= asked[0].more_columns(asked, columns)
+        return Motions(
+            asked, columns, np.array(why, object), turns.contraction[:n], turns.states[:n], turn
+        )
 
     def turns(
         self, asked: Sequence[Any], systems: Sequence[System], states: Array, multiple: NDArray[Any]
     ) -> LastTwoTurns:
-        """Return the last turns of members, from states, with multiples of their steps."""
+        """Return the last turns of questions from states, AT_ONCE at a time, with multiples of their steps; nan has none."""
         first, method = systems[0].start, self.method
         differ = {name for name, x in first.items() if isinstance(x, float)} - {*method.states}
         cases = {name: np.array([x.start[name] for x in systems], float) for name in sorted(differ)}
-        shared = {name: x for name, x in first.items() if name not in differ}
+        cases |= dict(zip(method.states, states.T))
+        system = replace(systems[0], start={x: y for x, y in first.items() if x not in cases})
         speed = np.array([getattr(o, method.speed) for o in asked], float)
         steps = np.array([o.steps_per_rev for o in asked]) // multiple
-        return method.turns(
-            self.context, replace(systems[0], start=shared), {**cases, **dict(zip(method.states, states.T))},
-            speed, steps_per_rev=steps, record=self.columns, algorithm=asked[0].algorithm,
-        )  # fmt: skip
 
-    def motions(self) -> tuple[NDArray[np.intp], Array]:
-        """Return the number of the question of each motion, and its states at the start of a turn."""
-        starts, every = self.starts(), np.arange(len(self.asked))
-        if len(starts) == 1:
-            return every, starts[0]
-        found = self.branches(starts)
-        case = np.concatenate([every[:0], *(numbers for numbers, _ in found)])
-        lost = np.setdiff1d(every, case)
-        states = [branch.states for _, branch in found]
-        return np.append(case, lost), np.concatenate([*states, starts[0][lost]])
+        def block(some: NDArray[Any]) -> tuple[Any, ...]:
+            turns = steady_turns(
+                system, {name: x[some] for name, x in cases.items()}, method.states, method.angle,
+                speed[some], steps_per_rev=steps[some], record=self.columns, algorithm=asked[0].algorithm,
+                jobs=self.context.jobs,
+            )  # fmt: skip
+            return tuple(vars(turns).values())
 
-    def starts(self) -> Array:
-        """Return the states from which motions are sought, shape (starts, questions, states)."""
+        run = np.flatnonzero(np.isfinite([*cases.values()]).all(0))
+        blocks = np.array_split(run, max(1, math.ceil(len(run) / AT_ONCE)))
+        columns, *of_blocks, problems = zip(*self.context.each(block, blocks, "orbits", here=True))
+        arrays: list[Any] = []
+        for part in map(np.concatenate, of_blocks):
+            arrays.append(np.full((len(asked), *part.shape[1:]), np.nan))
+            arrays[-1][run] = part
+        values, periods, contraction, ends = arrays
+        why = np.full(len(asked), "", object)
+        why[run] = [*chain(*problems)]
+        return LastTwoTurns(columns[0], values, periods, contraction, ends, why.tolist())
+
+    def branches(self) -> list[tuple[NDArray[np.intp], Branch]]:
+        """Return the branches of motions, with the numbers of their questions; a question without any is one of its own."""
         own = [
             o.starts(system)
             if hasattr(o, "starts")
             else [[system.start[x] for x in self.method.states]]
             for o, system in zip(self.asked, self.systems)
         ]
-        return np.stack([np.array(x, float) for x in own], axis=1)
-
-    def branches(self, starts: Array) -> list[tuple[NDArray[np.intp], Branch]]:
-        """Return the branches of motions of questions that differ in the speed alone, with the numbers of these."""
-        lines: dict[Hashable, list[int]] = defaultdict(list)
+        starts = np.stack([np.array(x, float) for x in own], axis=1)
         speed = np.array([getattr(o, self.method.speed) for o in self.asked], float)
+        lines: dict[Hashable, list[int]] = defaultdict(list)
         for k in np.argsort(speed, kind="stable").tolist():
             o = self.asked[k]
-            others = [getattr(o, x) for x in declared(type(o)) if x != self.method.speed]
-            lines[*others, *o.start.items()].append(k)
+            others = [
+                getattr(o, x) for x in declared(type(o)) if x not in (self.method.speed, "start")
+            ]
+            key = (*others, *o.start.items())
+            taken = next(n for n in count() if speed[k] not in speed[lines[n, *key]])
+            lines[taken, *key].append(k)
         members = [np.array(some) for some in lines.values()]
+        if len(starts) == 1:
+            return [
+                (m, Branch(k, speed[m], starts[0][m], (BEYOND, BEYOND)))
+                for k, m in enumerate(members)
+            ]
 
         def settle(line: NDArray[np.intp], x: Array, states: Array) -> Array:
             ends = np.full_like(states, np.nan)
@@ -360,47 +566,131 @@ class _Batch:
                     for j in wanted
                 ]
                 systems = [o.system(self.context.fmus) for o in asked]
-                multiple = np.full(len(wanted), STEP_MULTIPLES[-1])
+                multiple = np.array([coarsest(o) for o in asked])
                 ends[wanted] = self.turns(asked, systems, states[wanted], multiple).states
             return ends
 
-        found = follow_branches(
+        followed = follow_branches(
             settle, [speed[some] for some in members], starts[:, np.concatenate(members)]
         )
-        return [(members[b.line][np.searchsorted(speed[members[b.line]], b.x)], b) for b in found]
+        found = [
+            (members[b.line][np.searchsorted(speed[members[b.line]], b.x)], b) for b in followed
+        ]
+        for k, m in enumerate(members):
+            lost = np.setdiff1d(m, np.concatenate([m[:0], *(some for some, _ in found)]))
+            if len(lost):  # is run again, to say why
+                found.append((lost, Branch(k, speed[lost], starts[0][lost], (BEYOND, BEYOND))))
+        return found
 
-    def read(
-        self, reader: Reader, turns: LastTwoTurns, case: NDArray[np.intp]
-    ) -> tuple[Array, Array]:
-        """Return a number of all motions, and its error, nan where it is not known, in the unit of its column."""
-        k, formula = len(STEP_MULTIPLES), self.formulas[reader.column]
-        known = {
-            name: np.tile([self.values[i][name] for i in case], k)[:, None, None]
-            for name in formula.names - {*self.columns}
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """What is read of the turns of a batch with so many step sizes, and the values of its parameters and options."""
+
+    batch: _Batch
+    turns: LastTwoTurns
+    values: Callable[[], dict[str, Any]]
+    k: int
+    known_peaks: dict[str, Peaks] = field(default_factory=dict)
+
+    def column(self, x: Number, columns: Columns) -> FigureColumn:
+        """Return a number, which may follow from others."""
+        if not isinstance(x.value, Reader):
+            return self.following(x, columns)
+        batch = self.batch
+        one = Figure(1.0, batch.units.get(x.value.column, "1"), 0.0)
+        factor, unit, *_ = as_declared(batch.asked[0], x, one, batch.units)
+        value, error, steps = (factor * y for y in self.read(x.value))
+        return FigureColumn(value, np.abs(error), unit, x.meaning, steps)
+
+    def over_turns(self, formula: Formula) -> Array:
+        """Return a formula over both turns, shape (members, 2, angles)."""
+        names, columns = formula.names, self.batch.columns
+        known = self.values() if names - {*columns} else {}
+        scope = {
+            name: x if np.ndim(x) == 0 else np.tile(x, self.k)[:, None, None]
+            for name, x in known.items()
+            if name in names
         }
-        x = formula.over({**known, **{name: turns.of(name) for name in self.columns}})
-        x = np.broadcast_to(x, turns.values.shape[:3])
-        order = CONVERGENCE_ORDERS[self.asked[0].algorithm]
+        x = formula.over(scope | {name: self.turns.of(name) for name in columns if name in names})
+        return np.broadcast_to(x, self.turns.values.shape[:3])
+
+    def peaks(self, text: str) -> Peaks:
+        """The peaks of a formula over the last turn, of both senses."""
+        if text not in self.known_peaks:
+            x = self.over_turns(Formula.read(text))
+            self.known_peaks[text] = force_peaks(x[:, 1].reshape(self.k, -1, x.shape[-1]))
+        return self.known_peaks[text]
+
+    def read(self, reader: Reader) -> tuple[Array, Array, Array]:
+        """Return a number of all motions, its error, nan where it is not known, and what each step gives, in the unit of
+        its column.
+        """
         if reader.kind in ("max", "min"):
-            sense = 1.0 if reader.kind == "max" else -1.0
-            peaks = force_peaks(sense * x[:, 1].reshape(k, -1, x.shape[-1]))
-            value, error = peaks.each(lambda y: y[..., :SECTORS]).largest()
-            return sense * value, error
+            sense, which = (
+                (1.0, slice(SECTORS)) if reader.kind == "max" else (-1.0, slice(SECTORS, None))
+            )
+            inner = inside_of_size(reader)
+            some = slice(None) if inner else which
+            of_sense = self.peaks(inner or reader.column).each(lambda y: y[..., some])
+            value, error = of_sense.largest()
+            return sense * value, error, sense * of_sense.steps.max(-1)
+        x, turns, k = self.over_turns(Formula.read(reader.column)), self.turns, self.k
         if reader.kind == "mean":
-            of_both: Any = (x / turns.of(self.method.rate)).mean(-1) * TURN / turns.periods
+            of_both: Any = (x / turns.of(self.batch.method.rate)).mean(-1) * TURN / turns.periods
             left = turns.settling_error(of_both) + MEAN_ERROR * np.abs(of_both[:, 1])
         elif reader.kind in ("amplitude", "phase"):
-            number = x.shape[-1]
-            wave = np.exp(-2j * math.pi * reader.order / number * np.arange(number))
-            of_both = (2j if reader.order else 1j) / number * (x @ wave)
+            points = x.shape[-1]
+            wave = np.exp(-2j * math.pi * reader.order / points * np.arange(points))
+            of_both = (2j if reader.order else 1j) / points * (x @ wave)
             left = turns.settling_error(of_both)
         else:
             kinds = "max, min, mean, amplitude or phase"
             raise SetupError(
                 f"reader {reader.kind!r} of {reader.column}: of a turn it must be {kinds}"
             )
-        value, error = extrapolated(of_both[:, 1].reshape(k, -1), order, left.reshape(k, -1))
+        steps, left = of_both[:, 1].reshape(k, -1), left.reshape(k, -1)
+        value, error = extrapolated(steps, CONVERGENCE_ORDERS[self.batch.asked[0].algorithm], left)
         if reader.kind == "phase":
             with np.errstate(all="ignore"):
-                return np.angle(value, deg=True), np.degrees(error / np.abs(value))
-        return np.abs(value) if reader.kind == "amplitude" else value, error
+                share = np.degrees(1.0 / np.abs(value))
+            degrees = (np.angle(y, deg=True) for y in (value, steps))
+            return next(degrees), error * share, next(degrees)
+        if reader.kind == "amplitude":
+            value, steps = np.abs(value), np.abs(steps)
+        return value, error, steps
+
+    def following(self, x: Number, columns: Columns) -> FigureColumn:
+        """Return the number of a formula of others, whose error is the sum of the largest changes that theirs make."""
+        formula = Formula.read(x.value)
+        others = {
+            f"figures.{name}": columns[name]
+            for name in columns
+            if f"figures.{name}" in formula.names
+        }
+        at = {**self.values(), **{name: y.value for name, y in others.items()}}
+        value = formula.over(at)
+        error: Any = sum(
+            np.maximum(
+                *(
+                    np.abs(formula.over({**at, name: y.value + e}) - value)
+                    for e in (y.error, -y.error)
+                )
+            )
+            for name, y in others.items()
+        )
+        steps = formula.over({**at, **{name: y.steps for name, y in others.items()}})
+        return FigureColumn(value, error, x.unit or "1", x.meaning, steps)
+
+
+def coarsest(o: Any) -> int:
+    """Return how many times the step of a question may be without a run that grows, which would be no orbit."""
+    return int(getattr(o, "coarsest", STEP_MULTIPLES[-1]))
+
+
+def inside_of_size(reader: Reader) -> str:
+    """Return what a reader takes the largest size of, "x" in "abs(x)", or "": a size has kinks, where no series converges."""
+    call = ast.parse(reader.column.strip(), mode="eval").body
+    if reader.kind == "max" and isinstance(call, ast.Call) and ast.unparse(call.func) == "abs":
+        return ast.unparse(call.args[0])
+    return ""

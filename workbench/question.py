@@ -202,9 +202,15 @@ class Question(Options):
         The results that methods see are a pair where this returns any: what was certified, and what this returned.
         """
 
-    def formulas(self) -> Mapping[str, float]:
-        """Return figures that formulas give without a run, which may guide the search for a level of another."""
-        return {}
+    def guide(self, figure: str, over: str) -> Any:
+        """Return the course of a figure over an option or a start value by formulas, or None.
+
+        It has `figures`, the names of what is measured; `smooth(x, values)`, what of these values is smooth, and `theory(x)`,
+        what formulas give for that; `figure(x, smooth)`; `period`, after which the figure repeats, 360 for an angle in
+        degrees and infinite for any other; and `half_width(x)` of a range around a peak that a polynomial of degree four
+        meets. Arrays have values of x as their last axis.
+        """
+        return None
 
     def more_figures(self, figures: Mapping[str, Figure], results: Any) -> Mapping[str, Figure]:
         """Return figures that follow from these, or from formulas, with their errors."""

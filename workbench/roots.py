@@ -30,6 +30,8 @@ MAX_ROUNDS = 8
 PEAK_NODES = 5
 #: Share of the half width within which a peak must lie to be accepted: where the nodes surround it.
 PEAK_INSIDE = 0.6
+#: By how much less than what is accepted the tops with all step sizes fill, where their nodes are laid anew.
+SPARE = 0.2
 #: How far beyond the nodes a peak is looked for, over the half width, to know where to look next.
 PEAK_REACH = 1.5
 #: Lowest x at which a peak is looked for, over the center: a convention, all of x > 0 but for rounding.
@@ -51,13 +53,6 @@ CURVATURE_STEP = 1e-2
 TOP_GRID = 61
 #: The reason of a search whose residual or function has no value.
 NO_VALUE = "there is no value where the search wants one"
-
-
-class ZeroCrossing(NamedTuple):
-    """Where a curve passes through 0, and its slope there."""
-
-    x: float
-    slope: float
 
 
 @dataclass(frozen=True)
@@ -141,17 +136,22 @@ def peaks(
     ----------
     function : callable
         Takes nodes, shape (PEAK_NODES, n), nan where no value is wanted; returns values of smooth functions there,
-        nan where there is none, and by what share the heights may be wrong, shape (n,).
+        shape (steps, PEAK_NODES, n), nan where there is none, and by what share the heights may be wrong, shape (n,).
+        The first step counts where another one has no value.
     height : callable
         The heights at x for the values of the smooth functions there, of elements with these numbers.
     center, half_width : ndarray, shape (n,)
         Where the nodes lie, x > 0.
+
+    Returns
+    -------
+    LocatedPeaks
+        Of shape (steps, n), with reasons of shape (n,).
     """
-    center, half = np.array(center, float), np.asarray(half_width, float)
-    n, which = len(center), np.arange(len(center))
-    places, heights = (
-        Estimates(np.full(n, np.nan), np.full(n, np.nan), np.full(n, "", object)) for _ in range(2)
-    )
+    center, half = np.array(center, float), np.array(half_width, float)
+    which = np.arange(len(center))
+    found: Array = np.full((4, 1, len(center)), np.nan)
+    reasons = np.full(len(center), "", object)
     is_open = np.isfinite(center)
     angles = (2 * np.arange(PEAK_NODES) + 1) * math.pi / (2 * PEAK_NODES)
     to_series = 2.0 / PEAK_NODES * chebyshev.chebvander(-np.cos(angles), PEAK_NODES - 1).T
@@ -161,25 +161,34 @@ def peaks(
             break
         nodes = center - half * np.cos(angles)[:, None]
         values, noise = function(np.where(is_open, nodes, np.nan))
-        lost = is_open & np.isnan(values).any(0)
-        places.reasons[lost] = NO_VALUE
+        steps = len(values)
+        found = np.broadcast_to(found, (4, steps, len(center))).copy()
+        missing = np.isnan(values).any(1)
+        lost = is_open & missing[0]
+        reasons[lost] = NO_VALUE
         is_open &= ~lost
         k = which[is_open]
-        fits = _ChebyshevFits(k, center[k], half[k], to_series @ values[:, k], height)
+        filled = np.where(missing[:, None], values[0], values)[..., k]
+        every, j = np.tile(k, steps), np.arange(steps * len(k))
+        series = to_series @ np.concatenate([*filled], axis=1)
+        fits = _ChebyshevFits(every, center[every], half[every], series, height)
         s = fits.tops()
-        inner = np.flatnonzero(np.abs(s) <= PEAK_INSIDE)
-        at = k[inner]
-        places.x[at], heights.x[at], places.error[at], heights.error[at] = fits.places_and_heights(
-            s[inner], inner, noise[at]
-        )
-        is_open[at] = False
-        center[k] += half[k] * s
+        inner = np.flatnonzero((np.abs(s) <= PEAK_INSIDE).reshape(steps, -1).all(0))
+        done = (j.reshape(steps, -1)[:, inner]).ravel()
+        of_done = fits.places_and_heights(s[done], done, noise[every[done]])
+        for one, values_ in zip(found, of_done):
+            one[:, k[inner]] = np.where(missing[:, k[inner]], np.nan, values_.reshape(steps, -1))
+        is_open[k[inner]] = False
+        ends = s.reshape(steps, -1).min(0), s.reshape(steps, -1).max(0)
+        center[k] += half[k] * (ends[0] + ends[1]) / 2.0
+        half[k] *= np.maximum(1.0, (ends[1] - ends[0]) / (2.0 * PEAK_INSIDE - SPARE))
         low = is_open & (center <= half)
-        places.reasons[low] = "the peak search ran down to zero"
+        reasons[low] = "the peak search ran down to zero"
         is_open &= ~low
-    places.reasons[is_open] = f"the peak search did not converge in {MAX_ROUNDS} rounds"
-    heights.reasons[:] = places.reasons
-    return LocatedPeaks(places, heights)
+    reasons[is_open] = f"the peak search did not converge in {MAX_ROUNDS} rounds"
+    return LocatedPeaks(
+        Estimates(found[0], found[2], reasons), Estimates(found[1], found[3], reasons)
+    )
 
 
 class _ChebyshevFits(NamedTuple):
@@ -276,15 +285,6 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
         return float(brentq(lambda x: float(function(x)), low, high, xtol=xtol))
 
     return [root(*grid[k : k + 2].tolist()) for k in changes.tolist()]
-
-
-def falling_roots(x: Array, values: Array) -> list[ZeroCrossing]:
-    """Return where the polygon through values of shape (n,) at x falls through 0."""
-    k = np.flatnonzero((values[:-1] > 0.0) & (values[1:] <= 0.0))
-    slopes = (values[k + 1] - values[k]) / (x[k + 1] - x[k])
-    return [
-        ZeroCrossing(*pair) for pair in zip((x[k] - values[k] / slopes).tolist(), slopes.tolist())
-    ]
 
 
 def bisect_flag(is_true: Callable[[float], bool], low: float, high: float, width: float) -> float:

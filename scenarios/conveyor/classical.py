@@ -9,20 +9,21 @@ there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from workbench import Chart, Curve, Figure, Judgement, Mark, Panel, Table
+from workbench import Chart, Context, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import figure_of_figures
-from workbench.roots import secant
+from workbench.find import Found, search
+from workbench.orbits import FigureColumn
 
 from .first_order import Machine, Samples, classical, rod_force
-from .speed_sweep import SPEEDS, SpeedSweep, columns_of
+from .orbit import DriveOrbit
+from .speed_sweep import SPEEDS, SpeedSweep
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -39,17 +40,11 @@ STYLES = {
     "whole": ("classical, spring and inertia", "black"),
 }
 UNKNOWN = "the coupling error of an orbit is not known; take more steps per revolution"
-TOO_COARSE = "the sweep has too few speeds near the speed where the error passes the tolerance"
 AT_TOLERANCE = (
     "the error at the lowest speed of the sweep is that of the tolerance, within its own error"
 )
 JUST_REACHED = "the error just reaches the tolerance at a lower speed, within its own error"
 NOWHERE = "not even at the lowest speed of the sweep"
-#: Points of an error curve between two speeds of a sweep: its extreme then has 1/64^2 of its height as its error.
-CURVE_POINTS = 64
-#: Most rounds in which orbits are added where an error may leave its tolerance between two speeds; each halves the
-#: stretch around an extreme, or more, so that the doubt falls to a quarter.
-MOST_ROUNDS = 4
 RPM = SecondUnit("rpm", 30 / math.pi)
 
 
@@ -95,6 +90,53 @@ class Calculation(NamedTuple):
 CALCULATIONS = [Calculation(method, load) for method in WITH_INERTIA for load in LOADS]
 
 
+class ClassicalOrbit(DriveOrbit):
+    """An orbit with the errors of all calculations [%] as figures more."""
+
+    @classmethod
+    def more_columns(
+        cls, asked: Sequence[DriveOrbit], columns: Mapping[str, FigureColumn]
+    ) -> Mapping[str, Callable[[], FigureColumn]]:
+        """Return how far calculations are above the orbits."""
+        machine, nu = Machine.of([o.machine for o in asked]), np.array([o.nu for o in asked])
+
+        def above(case: Calculation) -> FigureColumn:
+            x, told = columns[LOADS[case.load].column], case.amplitude(machine, nu)
+            slope = 100.0 * told / x.value**2
+            return x.each(lambda y: 100.0 * (told / y - 1.0), "%", "", slope)
+
+        more = {case.key: partial(above, case) for case in CALCULATIONS}
+        return {**super().more_columns(asked, columns), **more}
+
+    def guide(self, figure: str, over: str) -> Any:
+        """The error of a calculation is guided by the ratio of orbits to theory, which is smooth."""
+        case = next((x for x in CALCULATIONS if x.key == figure), None)
+        return ErrorGuide([figure], case, self.given) if case else super().guide(figure, over)
+
+
+class ErrorGuide(NamedTuple):
+    """The error of a calculation over the speed [%], by the ratio of orbits to theory."""
+
+    figures: Sequence[str]
+    case: Calculation
+    machine: Machine
+    period: float = math.inf
+
+    def theory(self, nu: Any) -> Any:
+        """That of theory alone."""
+        return 1.0 + 0.0 * nu
+
+    def smooth(self, nu: Any, values: Any) -> Any:
+        """The ratio of orbits to theory."""
+        told = self.case.amplitude(self.machine, nu)
+        return told / (1.0 + values[0] / 100.0) / self.case.theory(self.machine, nu)
+
+    def figure(self, nu: Any, smooth: Any) -> Any:
+        """The error of the calculation."""
+        told = self.case.amplitude(self.machine, nu)
+        return 100.0 * (told / (self.case.theory(self.machine, nu) * smooth) - 1.0)
+
+
 class ClassicalComparison(NamedTuple):
     """The classical calculation beside a sweep: up to where it holds, and its errors over the speed."""
 
@@ -110,66 +152,60 @@ class ClassicalComparison(NamedTuple):
         return self.table.frame
 
 
-def compare(machine: Machine, sweep: SpeedSweep, tolerance: float) -> ClassicalComparison:
-    """Compare the calculation with a sweep, and find where an error leaves the tolerance [%].
-
-    Where an error may leave it between two speeds and come back, orbits are added to the sweep.
-    """
-    for _ in range(MOST_ROUNDS):
-        more = {
-            nu for case in CALCULATIONS for nu in doubtful_speeds(case, machine, sweep, tolerance)
-        }
-        if not more:
-            break
-        sweep = sweep.with_more(sorted(more))
-    limits = limits_of(machine, sweep, tolerance)
+def compare(
+    context: Context, machine: Machine, sweep: SpeedSweep, tolerance: float
+) -> ClassicalComparison:
+    """Compare the calculation with a sweep of ClassicalOrbit, and find where an error leaves the tolerance [%]."""
+    searches = [
+        [sweep.search(case.key, sense * tolerance) for sense in (1.0, -1.0)]
+        for case in CALCULATIONS
+    ]
+    found = iter(search(context, [s for pair in searches for s in pair]))
     figures = {}
     for case in CALCULATIONS:
         what = f"{LOADS[case.load].name} {LOAD_TEXTS[case.method]}"
         meaning = f"speed up to which the {what} is accurate enough"
-        figures[f"limit_{case.key}"] = limits[case]._replace(meaning=meaning)
-        errors = percent_above_simulated(case, machine, sweep.columns)
-        figures[f"worst_{case.key}"] = worst(*errors, f"largest error, {what}")
+        errors = sweep.motions.columns[case.key]
+        ends = [x for x in (*next(found), *next(found)) if math.isfinite(x.x)]
+        end = limit_of(np.array(sweep.speeds), errors, tolerance, ends)
+        figures[f"limit_{case.key}"] = end._replace(meaning=meaning)
+        figures[f"worst_{case.key}"] = worst(errors.value, errors.error, f"largest error, {what}")
     figures["share"] = figure_of_figures(
         lambda nu: 100.0 * machine.m * nu**2 / machine.c,
-        limits[Calculation("spring", "torque")],
+        figures["limit_spring_torque"],
         unit="%",
         meaning="inertia force over spring force at the first limit",
     )
-    return ClassicalComparison(
-        figures, table_of(machine, sweep), machine, tolerance, sweep.speeds[0]
-    )
+    return ClassicalComparison(figures, table_of(sweep), machine, tolerance, sweep.speeds[0])
 
 
-class Excess(NamedTuple):
-    """A calculated amplitude over the simulated one, less 1, and the error of that [%]."""
+def limit_of(nus: Samples, errors: FigureColumn, tolerance: float, ends: Sequence[Found]) -> Figure:
+    """Return the lowest speed of the sweep at which an error leaves its tolerance, or why there is none."""
+    size, unsure, reason = np.abs(errors.value), errors.error, ""
+    first = min(ends, key=lambda x: x.x, default=None)
+    before = nus < (first.x if first else math.inf)
+    if np.isnan(size).any() or len(nus) <= 1:
+        reason = "the sweep has fewer than two speeds, or one without a steady orbit"
+    elif size[0] > tolerance:
+        is_close = size[0] - unsure[0] <= tolerance
+        reason = UNKNOWN if math.isnan(unsure[0]) else AT_TOLERANCE if is_close else NOWHERE
+    elif (np.abs(size - tolerance) <= unsure)[before].any():
+        reason = JUST_REACHED
+    elif first is None:
+        reason = f"the error stays below {tolerance:g} % at every speed of the sweep"
+    if reason or first is None:
+        return Figure.undetermined("rad/s", reason)
+    return first.place
 
-    percent: Samples
-    error: Samples
 
-
-def percent_above_simulated(
-    case: Calculation, machine: Machine, columns: Mapping[str, Samples]
-) -> Excess:
-    """Return how far the amplitude of a calculation is above the simulated one at each speed."""
-    column = LOADS[case.load].column
-    true, error = columns[column], columns[f"{column}_error"]
-    ratio = case.amplitude(machine, columns["nu"]) / true
-    return Excess(100 * (ratio - 1), 100 * ratio * error / true)
-
-
-def table_of(machine: Machine, sweep: SpeedSweep) -> Table:
+def table_of(sweep: SpeedSweep) -> Table:
     """Return the quantities over the speed, and the error of each calculation."""
-    units = {"nu": "rad/s"}
-    for quantity in LOADS.values():
-        units |= dict.fromkeys((quantity.column, f"{quantity.column}_error"), quantity.unit)
-    columns = list(units)
-    units |= {f"{case.key}{x}": "%" for case in CALCULATIONS for x in ("", "_error")}
-    values = [sweep.columns[column] for column in columns]
-    values += [
-        x for case in CALCULATIONS for x in percent_above_simulated(case, machine, sweep.columns)
-    ]
-    return Table.of_rows(np.transpose(values).tolist(), units)
+    columns, units = {"nu": np.array(sweep.speeds)}, {"nu": "rad/s"}
+    for name in (*(x.column for x in LOADS.values()), *(case.key for case in CALCULATIONS)):
+        x = sweep.motions.columns[name]
+        columns |= {name: x.value, f"{name}_error": x.error}
+        units |= dict.fromkeys((name, f"{name}_error"), x.unit)
+    return Table(columns, units)
 
 
 def worst(values: Samples, errors: Samples, meaning: str) -> Figure:
@@ -182,124 +218,6 @@ def worst(values: Samples, errors: Samples, meaning: str) -> Figure:
     as_large = sizes + errors >= sizes[top] - errors[top]
     error = float((np.abs(values - values[top]) + errors)[as_large].max())
     return Figure(float(values[top]), "%", error, meaning)
-
-
-class ErrorCurve(NamedTuple):
-    """The error [%] of a calculation at speeds between those of a sweep, and what is not known of it [%]."""
-
-    nu: Samples
-    error: Samples
-    doubt: Samples
-
-
-def error_curve(case: Calculation, machine: Machine, sweep: SpeedSweep) -> ErrorCurve:
-    """Return the error of a calculation between the speeds of a sweep, which are among those of the curve.
-
-    Both the calculation and first-order theory are known in closed form; only the ratio of orbits to theory, which
-    is smooth, is interpolated. A straight line in place of the spline says what that leaves open.
-    """
-    nus = np.array(sweep.speeds)
-    column = LOADS[case.load].column
-    ratios = sweep.columns[column] / case.theory(machine, nus)
-    parts = [np.linspace(a, b, CURVE_POINTS, endpoint=False) for a, b in pairwise(nus)]
-    nu = np.concatenate([*parts, nus[-1:]])
-    ratio = case.amplitude(machine, nu) / case.theory(machine, nu)
-    smooth, straight = (
-        100.0 * (ratio / x - 1.0)
-        for x in (CubicSpline(nus, ratios)(nu), np.interp(nu, nus, ratios))
-    )
-    return ErrorCurve(nu, smooth, np.abs(smooth - straight))
-
-
-def doubtful_speeds(
-    case: Calculation, machine: Machine, sweep: SpeedSweep, tolerance: float
-) -> Iterator[float]:
-    """Yield speeds between those of a sweep at which an error may leave its tolerance and come back.
-
-    They lie below the first speed of the sweep at which it has left it.
-    """
-    errors = np.abs(percent_above_simulated(case, machine, sweep.columns).percent)
-    if len(errors) <= 1 or np.isnan(errors).any():
-        return
-    curve = error_curve(case, machine, sweep)
-    beyond = np.flatnonzero(errors > tolerance)
-    for k in range(int(beyond[0]) if len(beyond) else len(errors) - 1):
-        inside = slice(k * CURVE_POINTS + 1, (k + 1) * CURVE_POINTS)
-        if k + 1 < len(errors) and errors[k + 1] > tolerance:
-            return
-        most = np.abs(curve.error[inside]) + curve.doubt[inside]
-        top = inside.start + int(np.argmax(most))
-        is_inner = most.max() > max(errors[k], errors[k + 1])
-        if is_inner and most.max() > tolerance:
-            yield float(curve.nu[top])
-
-
-class LimitGuess(NamedTuple):
-    """Where the sweep has an error at its tolerance, with which sign, and the slope of the error there."""
-
-    x: float
-    level: float
-    slope: float
-
-
-def first_guess(
-    case: Calculation, machine: Machine, sweep: SpeedSweep, tolerance: float
-) -> LimitGuess | Figure:
-    """Return where the sweep says that an error first leaves its tolerance, or the reason against one."""
-    nus = np.array(sweep.speeds)
-    errors, unsure = percent_above_simulated(case, machine, sweep.columns)
-    if np.isnan(errors).any() or len(nus) <= 1:
-        reason = "the sweep has fewer than two speeds, or one without a steady orbit"
-        return Figure.undetermined("rad/s", reason)
-    if abs(errors[0]) > tolerance:
-        is_close = abs(errors[0]) - unsure[0] <= tolerance
-        reason = UNKNOWN if math.isnan(unsure[0]) else AT_TOLERANCE if is_close else NOWHERE
-        return Figure.undetermined("rad/s", reason)
-    curve = error_curve(case, machine, sweep)
-    spline = CubicSpline(curve.nu, curve.error)
-    ends = [
-        (float(x), s * tolerance)
-        for s in (1, -1)
-        for x in spline.solve(s * tolerance, extrapolate=False)
-    ]
-    before = nus < min(ends, default=(math.inf, 0.0))[0]
-    if (np.abs(np.abs(errors) - tolerance) <= unsure)[before].any():
-        return Figure.undetermined("rad/s", JUST_REACHED)
-    if not ends:
-        reason = f"the error stays below {tolerance:g} % at every speed of the sweep"
-        return Figure.undetermined("rad/s", reason)
-    x, level = min(ends)
-    return LimitGuess(x, level, float(spline(x, 1)))
-
-
-def limits_of(machine: Machine, sweep: SpeedSweep, tolerance: float) -> dict[Calculation, Figure]:
-    """Return the lowest speed of the sweep at which each error leaves its tolerance, on orbits there."""
-    guesses = {case: first_guess(case, machine, sweep, tolerance) for case in CALCULATIONS}
-    figures = {case: x for case, x in guesses.items() if isinstance(x, Figure)}
-    searched = {case: x for case, x in guesses.items() if isinstance(x, LimitGuess)}
-    x, level, slope = np.array(list(searched.values())).reshape(-1, 3).T
-    lost = np.zeros(len(x), bool)
-
-    def residual(nu: Samples) -> tuple[Samples, Samples]:
-        inside = (sweep.speeds[0] <= nu) & (nu <= sweep.speeds[-1])
-        nu = np.where(inside, nu, np.nan)
-        orbits = sweep.drive.orbits(machine, sweep.drive.for_each_step(nu), "limits")
-        with np.errstate(invalid="ignore"):  # where no value is wanted
-            columns = columns_of(sweep.drive, machine, nu, orbits)
-            of_cases = [percent_above_simulated(case, machine, columns) for case in searched]
-        value, error = np.array(of_cases)[np.arange(len(nu)), :, np.arange(len(nu))].T
-        lost[inside & np.isnan(error)] = True
-        return np.where(np.isnan(error), np.nan, value - level), error
-
-    roots = secant(residual, x, slope)
-    for k, case in enumerate(searched):
-        reason = UNKNOWN if lost[k] else TOO_COARSE
-        figures[case] = (
-            Figure(float(roots.x[k]), "rad/s", float(roots.error[k]))
-            if sweep.speeds[0] <= roots.x[k] <= sweep.speeds[-1]
-            else Figure.undetermined("rad/s", reason)
-        )
-    return figures
 
 
 def judgements(r: ClassicalComparison) -> list[Judgement]:

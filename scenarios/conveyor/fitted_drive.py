@@ -10,10 +10,9 @@ from cosim import Identified, SetupError
 from workbench import Context, Figure
 from workbench.fit import figure_of
 
-from .drive_orbits import Drive
 from .first_order import FIELDS, Machine
 from .options import RippleOptions
-from .orbit import DriveOrbit
+from .orbit import Drive, DriveOrbit
 
 DRIVE_QUANTITIES = {
     "nu_res": ("rad/s", "resonance by formula (22) of the fitted machine"),
@@ -39,7 +38,7 @@ class IdentifiedDrive(NamedTuple):
     def orbit(self, o: RippleOptions, context: Context) -> DriveOrbit:
         """Return the question how the machine found turns at the operating speed."""
         drive = Drive(context, o.algorithm, STEPS)
-        orbit = DriveOrbit.of(self.best, drive, self.operating)
+        orbit = DriveOrbit.of(self.best, self.operating, drive)
         return replace(orbit, set=o.set, limit=o.limit, rated_torque=o.rated_torque_or_default)
 
     def torque_ripple(self, o: DriveOrbit, figures: Mapping[str, Figure]) -> Figure:

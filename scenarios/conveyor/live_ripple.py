@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workbench import Number, Reader, RunChart, RunPanel, Slider
+from workbench import Context, Number, Reader, RunChart, RunPanel, Slider
 from workbench.answer import parameters
 from workbench.charts import model as colors
 from workbench.live import REVOLUTION, Formulas, Live, LiveSweep, Steady
@@ -71,13 +71,17 @@ PANELS = (
 
 
 def live_part(
-    sweep: SpeedSweep, machine: Machine, speed: float, levels: Mapping[str, Formulas]
+    context: Context,
+    sweep: SpeedSweep,
+    machine: Machine,
+    speed: float,
+    levels: Mapping[str, Formulas],
 ) -> Live:
     """Return the live part of a sweep, from the machine at its resonance, the operating speed [rad/s], and levels by
     column and name.
     """
     is_linear = not has_kloss_characteristic(machine)
-    values = parameters(conveyor_drive(sweep.drive.context.fmus, start_values(machine, speed)))
+    values = parameters(conveyor_drive(context.fmus, start_values(machine, speed)))
     moving = motion.live_motion(
         "The conveyor in this revolution",
         {name.removeprefix("conveyor."): x.value for name, x in values.items()},

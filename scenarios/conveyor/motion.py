@@ -14,10 +14,12 @@ from workbench.charts import model as chart
 from workbench.charts import motion
 from workbench.charts.motion import Columns, Motion, Shape, line
 from workbench.live import REVOLUTION, Caption, Coordinate, LiveMotion, drawn
+from workbench.steady import TURN
 
-from .drive_orbits import STATES, Drive
+from .drive_orbits import ORBIT_STATES
 from .first_order import Machine
-from .machine import conveyor_drive
+from .machine import conveyor_drive, start_values
+from .orbit import Drive
 
 if TYPE_CHECKING:
     from cosim import Result
@@ -57,11 +59,12 @@ REVOLUTION_CHART = RunChart(
 
 def revolution(drive: Drive, machine: Machine, nu: float) -> tuple[list[Motion], list[Chart]]:
     """The motion and the course of a revolution of a machine on its orbit at a speed; none where there is no orbit."""
-    turns = drive.turns(machine, nu)
-    if turns.problems[0]:
+    turn = drive.motions(machine, [nu], 1)
+    if turn.problems[0]:
         return [], []
-    start = drive.near(machine, nu) | dict(zip(STATES, turns.states[0].tolist()))
-    step = float(turns.periods[0, 1]) / drive.steps_per_rev
+    start = start_values(machine, nu) | {"conveyor.phi": 0.0}
+    start |= zip(ORBIT_STATES, turn.states[0].tolist())
+    step = TURN / float(turn.columns["speed"].steps[0, 0]) / drive.steps_per_rev
     result = cosim.run(
         conveyor_drive(drive.context.fmus, start),
         stop=(drive.steps_per_rev + 1) * step,

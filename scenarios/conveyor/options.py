@@ -8,13 +8,13 @@ from typing import ClassVar
 
 import workbench
 from cosim.system import Value
-from workbench import Context, Figure, Judgement, option
+from workbench import Figure, Judgement, option
 from workbench.judgement import Holds
 
 from ..motor import FORM, INERTIA, Nameplate, nameplate, read_nameplate
-from .drive_orbits import ORBIT_ALGORITHMS, Drive
-from .first_order import FIELDS, SETS, Machine
-from .machine import followed, has_kloss_characteristic
+from .drive_orbits import ORBIT_ALGORITHMS
+from .first_order import FIELDS, SETS
+from .machine import has_kloss_characteristic
 
 #: Rated torque of the motors of the sets, at the crank [N.m].
 RATED = {"A": 100.0, "B": 88.0}
@@ -132,24 +132,6 @@ class RippleOptions(workbench.Options):
         return default if self.rated_torque is None else ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SweepOptions(workbench.Options):
-    """The machine, its speeds, and how it is run."""
-
-    set: str = option("A", "parameter set", choices=SETS)
-    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
-    algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
-    speeds: tuple[float, ...] = option(
-        (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
-    )
-
-
 def speeds_of(text: str) -> tuple[float, ...]:
     """Return the numbers of a text with commas."""
     return tuple(map(float, text.split(",")))
-
-
-def linear_drive(o: SweepOptions, context: Context) -> tuple[Machine, Drive]:
-    """Return the machine of the options, and how it is run; raises SetupError for what FMUs or theory refuse."""
-    machine = followed(context.fmus, SETS[o.set], o.start)
-    return machine, Drive(context, o.algorithm, o.steps_per_rev)

@@ -7,11 +7,11 @@ theory. An induction motor may have several steady motions; the figures are thos
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,11 +31,11 @@ from workbench import (
     option,
 )
 from workbench.charts import model as colors
-from workbench.figure import figure_of_figures, listed, scaled
+from workbench.figure import listed
 from workbench.live import REVOLUTION
-from workbench.orbits import SteadyMotion
+from workbench.orbits import STEP_MULTIPLES, FigureColumn, Motions, SteadyMotion
 
-from .drive_orbits import CRANK_TURN, STATES, Drive, near
+from .drive_orbits import CRANK_TURN, ORBIT_STATES, near, require_enough_steps_per_rev
 from .first_order import FIELDS, SETS, Machine, rod_force
 from .machine import (
     PARTS,
@@ -48,7 +48,6 @@ from .machine import (
 )
 from .options import RippleOptions, by_set
 from .papers import cited
-from .rod_waveform import peak, waveform
 from .second_order import means
 
 #: Operating speeds of the sets [rad/s].
@@ -67,11 +66,6 @@ MEANS = {
     "motor": ("W", "power into heat in the motor"),
 }
 THEORIES = {"theory": "to second order in the ripple", "plain": "without ripple"}
-GUIDES = {
-    "tau2_theory": ("N.m", 0.0, "torque ripple by (26)"),
-    "w2_theory": ("rad/s", 0.0, "speed ripple by first-order theory"),
-    "lag_theory": ("deg", 0.0, "lag by first-order theory"),
-}
 FORCE = "conveyor.f_rod"
 
 
@@ -83,6 +77,85 @@ def ripple(kind: str, column: str) -> Reader:
 def mean(name: str, column: str) -> Number:
     """A mean over time."""
     return Number(name, Reader("mean", column, REVOLUTION), *MEANS[name])
+
+
+#: Figures whose course theory guides, and the ripple on which each hangs: its amplitude and its phase.
+GUIDED = {
+    "lag": ("tau2", "tau2_phase"),
+    "tau2": ("tau2", "tau2_phase"),
+    "gain": ("tau2", "tau2_phase"),
+    "w2": ("w2", "w2_phase"),
+}
+#: Half width of the nodes around a peak, over damping ratio and speed. The part of the height that four of
+#: five nodes miss falls with its fourth power: 1.3e-5 of the torque peak of set A with 0.5, 8e-7 with 0.25.
+PEAK_WIDTH = 0.25
+#: Largest half width over x, for drives with much damping.
+WIDEST_PEAK = 0.1
+
+
+class RippleGuide(NamedTuple):
+    """The course of a ripple, or of its lag, over the speed or a parameter.
+
+    Load over response, 1 / H, is smooth even where the response has a sharp resonance: by first-order theory it is a
+    quadratic polynomial of the speed for the torque ripple, and that over a linear one for the speed ripple.
+    """
+
+    name: str
+    machine: Machine
+    speed: float
+    over: str
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """What is measured."""
+        return GUIDED[self.name]
+
+    @property
+    def period(self) -> float:
+        """After what the figure repeats."""
+        return 360.0 if self.name == "lag" else math.inf
+
+    def at(self, x: Any) -> tuple[Machine, Any]:
+        """The machine and its mean speed at x."""
+        machine = self.machine
+        if self.over != "speed":
+            machine = replace(machine, **{FIELDS[self.over]: x})
+        nu = x if self.over == "speed" else self.speed + 0.0 * x
+        return linearised(machine, nu), nu
+
+    def load(self, x: Any) -> Any:
+        """The load ripple at constant speed [N.m]."""
+        machine, nu = self.at(x)
+        return machine.load_ripple(nu) + 0.0 * x
+
+    def theory(self, x: Any) -> Any:
+        """Load over response by theory, the same for every load: without a spring, which may leave 0 / 0."""
+        machine, nu = self.at(x)
+        free = replace(machine, c=0.0)
+        ripple = free.speed_ripple if self.name == "w2" else free.torque_ripple
+        return free.load_ripple(nu) / ripple(nu) + 0.0 * x
+
+    def smooth(self, x: Any, values: Any) -> Any:
+        """Load over response of amplitudes and phases."""
+        amplitude, phase = values
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.load(x) / (amplitude * np.exp(1j * np.radians(phase)))
+
+    def figure(self, x: Any, smooth: Any) -> Any:
+        """The figure of what is smooth."""
+        if self.name == "lag":
+            return np.degrees(np.angle(smooth)) % 360.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (np.abs(self.load(x)) if self.name != "gain" else 1.0) / np.abs(smooth)
+
+    def half_width(self, x: Any) -> Any:
+        """Half the range of nodes around a peak: PEAK_WIDTH of the width of the resonance there.
+
+        That width is zeta x / |d ln(nu_res / nu) / d ln x|; a neighbour 0.1 % away gives the derivative.
+        """
+        (machine, nu), (neighbour, nu_neighbour) = self.at(x), self.at(1.001 * x)
+        tuning = np.abs(np.log(neighbour.nu_res / machine.nu_res * nu / nu_neighbour)) / 0.001
+        return x * np.minimum(PEAK_WIDTH * machine.zeta / np.maximum(tuning, 1e-9), WIDEST_PEAK)
 
 
 class DriveOrbit(Question, RippleOptions):
@@ -107,7 +180,10 @@ class DriveOrbit(Question, RippleOptions):
         Number("pull", Reader("max", FORCE, REVOLUTION), "N", "largest rod force"),
         Number("push", Reader("min", FORCE, REVOLUTION), "N", "least rod force, of the other sign"),
         Number(
-            "f_rod_peak", "max(figures.pull, -figures.push)", "N", "largest size of the rod force"
+            "f_rod_peak",
+            Reader("max", f"abs({FORCE})", REVOLUTION),
+            "N",
+            "largest size of the rod force",
         ),
     )
 
@@ -119,15 +195,16 @@ class DriveOrbit(Question, RippleOptions):
         object.__setattr__(self, "speed", self.speed or OPERATING[self.set])
 
     @classmethod
-    def of(cls, machine: Machine, drive: Drive, nu: float) -> DriveOrbit:
-        """Return the question of a machine, run as a drive, at a speed [rad/s]."""
+    def of(cls, machine: Machine, nu: float, o: Any) -> DriveOrbit:
+        """Return the question of a machine at a speed [rad/s], run as another question says."""
         fields = {name: float(vars(machine)[field]) for name, field in FIELDS.items()}
         if has_kloss_characteristic(machine):
             del fields[
                 "motor.B"
             ]  # which its motor does not use, and which differs from speed to speed
-        steps: Any = {"algorithm": drive.algorithm, "steps_per_rev": drive.steps_per_rev}
-        return cls(start={**fields, **machine.more}, speed=nu, **steps)
+        return cls(
+            start={**fields, **machine.more}, speed=float(nu), algorithm=o.algorithm, steps_per_rev=o.steps_per_rev
+        )  # fmt: skip
 
     @property
     def nu(self) -> float:
@@ -144,9 +221,18 @@ class DriveOrbit(Question, RippleOptions):
         """The same with the slope that its motor has at the speed."""
         return linearised(self.given, self.nu)
 
+    @property
+    def coarsest(self) -> int:
+        """How many times the step may be with which runs give the errors."""
+        try:
+            require_enough_steps_per_rev(self, self.machine, self.nu, STEP_MULTIPLES[-1])
+        except SetupError:
+            return 1
+        return STEP_MULTIPLES[-1]
+
     def system(self, fmus: Mapping[str, Path]) -> System:
         """The drive near the orbit of first-order theory."""
-        state = dict(zip(STATES, near(self.machine, self.nu).tolist()))
+        state = dict(zip(ORBIT_STATES, near(self.machine, self.nu).tolist()))
         starts = {**start_values(self.machine, self.nu), "conveyor.phi": 0.0, **state}
         return conveyor_drive(
             fmus,
@@ -170,16 +256,13 @@ class DriveOrbit(Question, RippleOptions):
         """Return what the turns of many machines say, or why one is refused."""
         found: dict[int, Findings | SetupError] = {}
         good = []
-        for k, (o, why) in enumerate(
-            zip(questions, refusals(context.fmus, [o.given for o in questions]))
-        ):
+        refused = refusals(context.fmus, [o.given for o in questions])
+        for k, (o, why) in enumerate(zip(questions, refused)):
             try:
                 if why:
                     raise SetupError(why)
                 require_torque(o.given, o.nu)
-                Drive(context, o.algorithm, o.steps_per_rev).require_enough_steps_per_rev(
-                    o.machine, o.nu
-                )
+                require_enough_steps_per_rev(o, o.machine, o.nu)
                 good.append(k)
             except SetupError as error:
                 found[k] = error
@@ -193,42 +276,65 @@ class DriveOrbit(Question, RippleOptions):
             raise found
         return found
 
-    def formulas(self) -> Mapping[str, float]:
-        """Ripple and lag by first-order theory."""
-        m, nu = self.machine, self.nu
-        torque = m.torque_ripple(nu)
-        lag = float(np.angle(m.load_ripple(nu) / torque, deg=True)) % 360.0
-        return {
-            "tau2_theory": float(abs(torque)),
-            "w2_theory": float(abs(m.speed_ripple(nu))),
-            "lag_theory": lag,
-        }
+    def guide(self, figure: str, over: str) -> RippleGuide | None:
+        """What is smooth of a figure along a line: load over response less that of theory, even at a sharp resonance."""
+        if figure not in GUIDED or over not in ("speed", *FIELDS):
+            return None
+        return RippleGuide(figure, self.given, self.nu, over)
 
-    def more_figures(
-        self, figures: Mapping[str, Figure], values: Mapping[str, float]
-    ) -> Mapping[str, Figure]:
-        """Return lag, gain and supply, and what theory says of the same; `values` are those of all parameters."""
-        m, nu = self.machine, self.nu
-        length = values["conveyor.rod.l"] if values["conveyor.rod.finite"] else math.inf
-        load = complex(m.load_ripple(nu))
-        phase = math.degrees(np.angle(load))
-        more = {
-            "lag": figure_of_figures(lambda x: (phase - x) % 360.0, figures["tau2_phase"], unit="deg", meaning="lag of the torque ripple behind its load"),
-            **{name: Figure(x, *GUIDES[name]) for name, x in self.formulas().items()},
-            "f_rod_formula": Figure(abs(rod_force(m, nu)), "N", 0.0, "largest rod force by (17)"),
-            "f_rod_theory": Figure(
-                peak(waveform(m, length, nu)), "N", 0.0, "largest rod force to first order in the ripple"
+    @classmethod
+    def more_columns(
+        cls, asked: Sequence[DriveOrbit], columns: Mapping[str, FigureColumn]
+    ) -> Mapping[str, Callable[[], FigureColumn]]:
+        """Return lag, gain and supply of many motions, and what theory says of the same."""
+        m, nu = Machine.of([o.machine for o in asked]), np.array([o.nu for o in asked])
+        load, ripples = m.load_ripple(nu), {"tau2": m.torque_ripple(nu), "w2": m.speed_ripple(nu)}
+        phase = np.degrees(np.angle(load))
+        with np.errstate(divide="ignore"):
+            gain = np.where(load == 0.0, np.nan, 1.0 / np.abs(load))
+
+        def formula(
+            unit: str, meaning: str, value: Callable[[], Any]
+        ) -> Callable[[], FigureColumn]:
+            def column() -> FigureColumn:
+                x = np.broadcast_to(np.asarray(value(), float), nu.shape)
+                return FigureColumn(x, 0.0 * nu, unit, meaning, x[None])
+
+            return column
+
+        more: dict[str, Callable[[], FigureColumn]] = {
+            "lag": lambda: columns["tau2_phase"].each(
+                lambda x: (phase - x) % 360.0, "deg", "lag of the torque ripple behind its load"
+            ),
+            "gain": lambda: columns["tau2"].each(
+                lambda x: gain * x, "1", "torque over load ripple", gain
+            ),
+            "tau2_theory": formula(
+                "N.m", "torque ripple by (26)", lambda: np.abs(ripples["tau2"])
+            ),
+            "w2_theory": formula(
+                "rad/s", "speed ripple by first-order theory", lambda: np.abs(ripples["w2"])
+            ),
+            **{
+                f"{x}_phase_theory": formula(
+                    "deg", f"phase of {x} by first-order theory", partial(np.angle, y, deg=True)
+                )
+                for x, y in ripples.items()
+            },
+            "f_rod_formula": formula(
+                "N", "largest rod force by (17)", lambda: np.abs(rod_force(m, nu))
             ),
         }  # fmt: skip
-        if load:
-            more["gain"] = scaled(figures["tau2"], 1.0 / abs(load), "1", "torque over load ripple")
         if not has_kloss_characteristic(m):
-            more["supply"] = scaled(figures["torque"], float(m.A(nu) / m.B), *MEANS["supply"])
+            share = m.A(nu) / m.B
+            more["supply"] = lambda: columns["torque"].each(
+                lambda x: share * x, *MEANS["supply"], share
+            )
             for end, has_ripple in (("theory", True), ("plain", False)):
                 of_theory = means(m, nu, ripple=has_ripple)._asdict()
                 more |= {
-                    f"{x}_{end}": Figure(
-                        float(of_theory[x]), unit, 0.0, f"{meaning}, {THEORIES[end]}"
+                    f"{x}_{end}": formula(
+                        unit, f"{meaning}, {THEORIES[end]}", partial(np.asarray, of_theory[x])
                     )
                     for x, (unit, meaning) in MEANS.items()
                 }
@@ -266,3 +372,29 @@ class DriveOrbit(Question, RippleOptions):
             ]
             panels.append(Panel(quantity, unit, curves))
         return Show([Chart("One revolution", "crank angle [deg]", panels)])
+
+
+class Drive(NamedTuple):
+    """On what machines are run, with which algorithm and steps."""
+
+    context: Context
+    algorithm: str
+    steps_per_rev: int
+
+    @classmethod
+    def of(cls, context: Context, o: Any) -> Drive:
+        """Return that of the options of a question."""
+        return cls(context, o.algorithm, o.steps_per_rev)
+
+    def asked(
+        self, machine: Machine, nu: Any, question: type[DriveOrbit] = DriveOrbit
+    ) -> list[DriveOrbit]:
+        """Return the questions of machines, whose fields are arrays or not, at mean speeds [rad/s]."""
+        nu = np.atleast_1d(nu).tolist()
+        return [question.of(machine[k], x, self) for k, x in enumerate(nu)]
+
+    def motions(self, machine: Machine, nu: Any, multiples: int = len(STEP_MULTIPLES)) -> Motions:
+        """Return the motions of machines at speeds near first-order theory, with so many step sizes."""
+        nu = np.atleast_1d(nu)
+        states = np.broadcast_to(near(machine, nu), (len(nu), 2))
+        return CRANK_TURN.motions(self.context, self.asked(machine, nu), states, multiples)

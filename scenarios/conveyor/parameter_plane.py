@@ -20,15 +20,13 @@ from scipy.stats import qmc
 from cosim import SetupError
 from workbench.answer import GivenValue, Table, parameters
 from workbench.charts.model import GridAxis
-from workbench.options import at_least
-from workbench.plan import GridPlan
+from workbench.options import Option, at_least
+from workbench.orbits import Motions, table_of
 from workbench.study.words import interval
 
-from .drive_orbits import Drive, Orbits
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
-from .orbit import DriveOrbit
-from .response import MachineLines
+from .orbit import Drive
 
 Real = NDArray[np.float64]
 SPEED_NAME = "speed"
@@ -38,6 +36,8 @@ SEED = 1
 OPEN = (0.05, 0.95)
 #: A safety margin by convention.
 MARGIN = 3.0
+#: Largest tolerance of a part [%]: it stays above 0.
+MOST_TOLERANCE = 99.0
 
 
 class ParameterAxis(NamedTuple):
@@ -77,19 +77,26 @@ class Plane(NamedTuple):
         machine, nu = self.at(x, y)
         return machine, np.broadcast_to(nu, x.shape)
 
-    def plan(self, drive: Drive) -> GridPlan:
-        """The turns of all points, row by row."""
-        grid = {axis.name: axis.along.values.tolist() for axis in (self.y, self.x)}
-        base = DriveOrbit.of(self.machine, drive, self.speed)
-        options = {name: getattr(base, name) for name in ("speed", "algorithm", "steps_per_rev")}
-        fixed = {name: x for name, x in {**options, **base.start}.items() if name not in grid}
-        return GridPlan(DriveOrbit, fixed, grid)
+    def table(
+        self, drive: Drive, csv: str, figures: Mapping[str, str], **axes: str
+    ) -> tuple[Table, Motions]:
+        """Return the table of all points, row by row, whose axes "x" and "y" may have other names, and the motions.
 
-    @property
-    def lines_of_rows(self) -> MachineLines:
-        """The machines of equal y, a line for each."""
-        x, y = self.x.along.values, self.y.along.values
-        return MachineLines(lambda at, line: self.at(at, y[line]), dict.fromkeys(range(len(y)), x))
+        Raises
+        ------
+        SetupError
+            If no orbit is steady.
+        """
+        x, y = zip(*self.nodes())
+        inputs = {
+            axes.get(key, axis.name): (axis.along.unit, values)
+            for key, axis, values in (("x", self.x, x), ("y", self.y, y))
+        }
+        asked = drive.asked(*self.points())
+        table, motions = table_of(drive.context, csv, asked, inputs, figures)
+        if np.isnan(motions.multipliers).all():
+            raise SetupError("no orbit of the map is steady")
+        return table, motions
 
 
 class Sample(NamedTuple):
@@ -153,44 +160,9 @@ class BuiltMachines(NamedTuple):
         checks = []
         for sample in samples:
             machines, nu = self.at(sample.row, sample.x[:runs], slice(runs))
-            speeds = np.broadcast_to(nu, (1, runs))
-            (torques,) = drive.orbits(machines, speeds, "check of the probability").torque
-            checks.append(compared_with_orbits(sample, torques, limit))
+            motions = drive.motions(machines, np.broadcast_to(nu, runs), 1)
+            checks.append(compared_with_orbits(sample, motions.columns["tau2"].steps[0], limit))
         return checks
-
-
-def torque_ripple(orbits: Orbits) -> Real:
-    """The torque ripple of orbits, order 2 [N.m]."""
-    return np.abs(orbits.torque)
-
-
-def run_plane(
-    plane: Plane, drive: Drive, csv: str, figures: Mapping[str, str], **axes: str
-) -> tuple[Table, Orbits]:
-    """Run a drive at all points of a plane, whose rows are kept on the way.
-
-    Parameters
-    ----------
-    plane, drive
-        Its machines, and how they are run.
-    csv
-        The file of the table.
-    figures
-        Those of `DriveOrbit`, and what they are called in the table.
-    axes
-        What the axes are called there, by "x" and "y", by default as they are.
-
-    Raises
-    ------
-    SetupError
-        If no orbit is steady.
-    """
-    inputs = {x.name: axes.get(key, x.name) for key, x in (("x", plane.x), ("y", plane.y))}
-    table, found = plane.plan(drive).table(drive.context, csv, inputs, figures)
-    orbits = Orbits.of_motions([x.data[0] for x in found])
-    if np.isnan(orbits.contraction).all():
-        raise SetupError("no orbit of the map is steady")
-    return table, orbits
 
 
 def extreme(values: Real, errors: Real, sense: float = 1.0) -> tuple[float, float]:
@@ -219,7 +191,7 @@ def compared_with_orbits(sample: Sample, torques: Any, limit: float) -> dict[str
     """
     steady = np.isfinite(torques)
     expected = sample.expected[: len(torques)][steady]
-    ripples = np.abs(torques)[steady]
+    ripples = torques[steady]
     hits, total = int((ripples > limit).sum()), len(ripples)
     deviation = ripples / expected - 1.0
     return {
@@ -253,17 +225,11 @@ def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> Parame
         _, unit, meaning = parameter(fmus, name)
         label = f"{meaning[:1].lower()}{meaning[1:]}\n{name}"
     log = numbers.endswith(":log")
-    form = "NAME=FROM:TO:NUMBER or NAME=FROM:TO:NUMBER:log"
-    low, high, number = read(option, text, numbers.removesuffix(":log"), form, float, float, int)
-    for value in (low, high):
-        if not 0.0 < value < math.inf:
-            raise SetupError(
-                f"--{option} {name} = {value!r} {unit} must be a finite number above 0"
-            )
-    if high <= low:
-        raise SetupError(f"--{option} {name} must rise: {low:g} .. {high:g} {unit} does not")
-    at_least(f"--{option} number of values of {name}", number, least)
-    values = np.geomspace(low, high, number) if log else np.linspace(low, high, number)
+    given = Option(name, float, many=True, unit=unit, bounds={"above": 0.0})
+    values = np.array(given.read(numbers.removesuffix(":log"), f"--{option} {name}"))
+    at_least(f"--{option} number of values of {name}", len(values), least)
+    if log:
+        values = np.geomspace(values[0], values[-1], len(values))
     return ParameterAxis(name, GridAxis(label, unit, values, log))
 
 
@@ -275,28 +241,19 @@ def shares(
     for text in texts:
         name, _, percent = text.partition("=")
         parameter(fmus, name)
-        (value,) = read(option, text, percent, "NAME=PERCENT", float)
-        ripples[name] = value / 100.0
-        if not 0.0 <= ripples[name] < 1.0:
-            raise SetupError(f"--{option} {name} = {value!r} % must be at least 0 and below 100")
+        given = Option(name, float, unit="%", bounds={"at least": 0.0, "at most": MOST_TOLERANCE})
+        ripples[name] = given.read(percent, f"--{option} {name}") / 100.0
     return ripples
 
 
 def span(option: str, text: str, within: GridAxis) -> tuple[float, float]:
     """Read FROM:TO inside an axis; raises SetupError."""
-    low, high = read(option, text, text, "FROM:TO", float, float)
+    given = Option(option, float, many=True, unit=within.unit)
+    ends = given.read(text.replace(":", ","), f"--{option}")
     first, last = within.values[[0, -1]]
-    if not first <= low < high <= last:
+    if not first <= ends[0] < ends[-1] <= last:
         raise SetupError(
-            f"--{option} {low:g}:{high:g} {within.unit} must rise and lie inside the map, "
+            f"--{option} {text} {within.unit} must read FROM:TO, rise and lie inside the map, "
             f"{first:g} .. {last:g} {within.unit}"
         )
-    return low, high
-
-
-def read(option: str, text: str, numbers: str, form: str, *kinds: type) -> list[Any]:
-    """Numbers between colons; raises SetupError for others than these kinds of them."""
-    try:
-        return [kind(number) for kind, number in zip(kinds, numbers.split(":"), strict=True)]
-    except ValueError:
-        raise SetupError(f"--{option} {text!r} must read {form}") from None
+    return ends[0], ends[-1]

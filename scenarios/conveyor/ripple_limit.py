@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from workbench import Figure, Judgement
+from workbench.find import Found
 from workbench.judgement import Holds
 
-from .response import Sought
 from .speed_sweep import SpeedSweep
-
-
-@dataclass(frozen=True)
-class LimitCrossing:
-    """A speed at which the torque ripple passes its limit: as the sweep says, and as a figure."""
-
-    feature: Sought
-    figure: Figure
-
-    @property
-    def is_upward(self) -> bool:
-        """Whether the ripple is above its limit beyond it."""
-        return self.feature.sense < 0.0
-
-    @property
-    def speed(self) -> float:
-        """The speed as far as it is known [rad/s]."""
-        return self.feature.x if self.figure.error is None else self.figure.value
 
 
 @dataclass(frozen=True)
@@ -36,38 +18,48 @@ class RippleLimit:
 
     limit: float
     sweep: SpeedSweep
-    crossings: Sequence[LimitCrossing]
+    crossings: Sequence[Found]
 
     @property
     def stretches(self) -> list[tuple[float, float]]:
         """The stretches of the sweep in which the torque ripple is above its limit [rad/s]."""
-        ends = [crossing.speed for crossing in self.crossings]
+        ends = [x.x if x.place.error is None else x.place.value for x in self.crossings]
         starts_above = (
-            not self.crossings[0].is_upward
+            not self.crossings[0].rises
             if self.crossings
-            else all(is_above(self.limit, row) is Holds.YES for row in self.sweep.rows)
+            else all(x is Holds.YES for x in self.answers)
         )
         if starts_above:
             ends.insert(0, self.sweep.speeds[0])
         return list(zip(ends[::2], [*ends[1::2], self.sweep.speeds[-1]]))
 
     @property
+    def answers(self) -> list[Holds]:
+        """Whether the torque ripple is above its limit, speed by speed."""
+        ripple, error = (self.sweep.columns[x] for x in ("tau2", "tau2_error"))
+        above, below = ripple - error > self.limit, ripple + error <= self.limit
+        return [
+            Holds.YES if a else Holds.NO if b else Holds.OPEN
+            for a, b in zip(above.tolist(), below.tolist())
+        ]
+
+    @property
     def is_certain(self) -> bool:
         """Whether every end of a stretch has an error."""
-        return all(crossing.figure.error is not None for crossing in self.crossings)
+        return all(crossing.place.error is not None for crossing in self.crossings)
 
     def figures(self) -> dict[str, Figure]:
         """Return the ends of the stretches to avoid, by number from the second stretch on."""
         figures = {}
-        first = 1 if self.crossings and not self.crossings[0].is_upward else 0
+        first = 1 if self.crossings and not self.crossings[0].rises else 0
         for k, crossing in enumerate(self.crossings, first):
-            name = "avoid_from" if crossing.is_upward else "avoid_to"
-            figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = crossing.figure
+            name = "avoid_from" if crossing.rises else "avoid_to"
+            figures[f"{name}_{k // 2 + 1}" if k > 1 else name] = crossing.place
         return figures
 
     def judgements(self) -> list[Judgement]:
         """Return which speeds to avoid, and at how many speeds of the sweep the ripple is above its limit."""
-        answers = [is_above(self.limit, row) for row in self.sweep.rows]
+        answers = self.answers
         counts = {
             "above its limit": answers.count(Holds.YES),
             "below its limit": answers.count(Holds.NO),
@@ -80,12 +72,12 @@ class RippleLimit:
     def avoided(self) -> list[Judgement]:
         """Return the stretches between crossings with the digits that hold; beyond the sweep nothing is known."""
         ends: list[tuple[str, str]] = [
-            (crossing.figure.brief(), "")
-            if crossing.figure.error is not None
-            else (f"about {float(f'{crossing.feature.x:.2g}'):g} rad/s", crossing.figure.reason)
+            (crossing.place.brief(), "")
+            if crossing.place.error is not None
+            else (f"about {float(f'{crossing.x:.2g}'):g} rad/s", crossing.place.reason)
             for crossing in self.crossings
         ]
-        if ends and not self.crossings[0].is_upward:
+        if ends and not self.crossings[0].rises:
             ends.insert(0, (f"the start of the sweep, {self.sweep.speeds[0]:g} rad/s,", ""))
         if len(ends) % 2:
             ends.append((f"the end of the sweep, {self.sweep.speeds[-1]:g} rad/s", ""))
@@ -97,11 +89,3 @@ class RippleLimit:
             )
             notes.append(f"{begin} to {end}{unsure}")
         return [Judgement("avoid speeds", note=note) for note in notes]
-
-
-def is_above(limit: float, row: Mapping[str, float]) -> Holds:
-    """Whether the torque ripple of a row is above a limit [N.m]."""
-    value, error = row["tau2"], row["tau2_error"]
-    if value - error > limit:
-        return Holds.YES
-    return Holds.NO if value + error <= limit else Holds.OPEN

@@ -12,7 +12,7 @@ from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import GridAxis, HeatMap, Level, Look, Span
 
-from .drive_orbits import Drive
+from .orbit import Drive
 from .parameter_plane import Plane
 
 if TYPE_CHECKING:

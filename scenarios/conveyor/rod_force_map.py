@@ -10,18 +10,20 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench import Chart, Curve, Mark, Panel
+from workbench import Chart, Curve, Figure, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import GridAxis, HeatMap, Level, SecondUnit
+from workbench.orbits import FORCE_ORDER, STEP_MULTIPLES, Motions, at_zero_step, figure_of
 
-from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine
-from .parameter_plane import Plane, torque_ripple
-from .rod_waveform import best_spring, largest_forces, peak, waveform
+from .orbit import Drive
+from .parameter_plane import Plane
+from .rod_waveform import CLOSE, ROD_FORCE, best_spring, peak, springs_around, waveform
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+FAR = "it lies far from that of formula (17)"
 Real = NDArray[np.float64]
 SPRINGS = {"": ("machine's spring", "red"), "_unloaded": ("spring that unloads the rod", "blue")}
 #: Speeds at which a curve of theory is drawn, 0.5 rad/s apart over the default map; a convention.
@@ -30,19 +32,18 @@ CURVE_SPEEDS = 121
 
 class RodForceData(NamedTuple):
     """How machines are run, the length of their rod, infinite if much longer than the crank [m]; the
-    plane, its table and its orbits, shape (points,); the machine with its spring and, if it is known, the one that
-    unloads the rod, with their orbits at the speeds of the plane, shape (speeds,), and at the operating speed, with
-    each step size.
+    plane, its table and its motions, of shape (points,); the machine with its spring and, if it is known, the one that
+    unloads the rod, with their motions at the speeds of the plane, and at the operating speed.
     """
 
     drive: Drive
     length: float
     plane: Plane
     points: DataFrame
-    orbits: Orbits
+    motions: Motions
     machines: Mapping[str, Machine]
-    sweeps: Mapping[str, Orbits]
-    operating: Mapping[str, Orbits]
+    sweeps: Mapping[str, Motions]
+    operating: Mapping[str, Motions]
 
     @property
     def speeds(self) -> list[float]:
@@ -57,8 +58,27 @@ class RodForceData(NamedTuple):
     def valley(self) -> list[tuple[float, float]]:
         """Speeds of the plane, and the springs of the plane that unload the rod there [N/m]."""
         springs, width = self.plane.y.along.values, len(self.speeds)
-        optima = [best_spring(springs, self.orbits[k::width]) for k in range(width)]
-        return [(nu, c) for nu, c in zip(self.speeds, optima) if isinstance(c, float)]
+        force = self.motions.turn[ROD_FORCE][0]
+        optima = [best_spring(springs, force[k::width]) for k in range(width)]
+        return [(nu, c) for nu, c in zip(self.speeds, optima) if math.isfinite(c)]
+
+
+def unloading_spring(drive: Drive, machine: Machine, nu: float) -> Figure:
+    """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
+    again with one more at the place.
+    """
+    meaning, springs = "spring with the smallest peak of the rod force", springs_around(machine, nu)
+    guesses = np.full(len(STEP_MULTIPLES), np.nan)
+    for _ in range(2):
+        motions = drive.motions(replace(machine, c=springs), np.full(len(springs), nu))
+        if problem := next(filter(None, motions.problems), ""):
+            return Figure.undetermined("N/m", problem, meaning)
+        found = np.array([best_spring(springs, x) for x in motions.turn[ROD_FORCE]])
+        if np.isnan(found).any():
+            return Figure.undetermined("N/m", FAR, meaning)
+        guesses, before, springs = found, guesses, np.append(springs, found[0])
+    noise = np.abs(guesses - before) + CLOSE * guesses
+    return figure_of(at_zero_step(guesses, FORCE_ORDER, noise), (), "N/m", meaning)
 
 
 def over_angle(r: RodForceData) -> Chart:
@@ -68,7 +88,7 @@ def over_angle(r: RodForceData) -> Chart:
         steady, swinging = (
             1e-3 * waveform(machine, r.length, nu, at_constant_speed=kind) for kind in (True, False)
         )
-        simulated = 1e-3 * r.operating[name].waveform[0, ::2]
+        simulated = 1e-3 * r.operating[name].turn[ROD_FORCE][0, 0, ::2]
         curves = [
             Curve("constant speed, formula (17)", deg, steady, colors.THEORY, "theory"),
             Curve("with the speed ripple", deg, swinging, "green"),
@@ -88,16 +108,16 @@ def over_speed(r: RodForceData) -> Chart:
     """Rod force and torque ripple over the speed with either spring, theory as lines."""
     fine, forces, ripples = np.linspace(r.speeds[0], r.speeds[-1], CURVE_SPEEDS), [], []
     for name, machine in r.machines.items():
-        orbits, (label, color) = r.sweeps[name], SPRINGS[name]
+        columns, (label, color) = r.sweeps[name].columns, SPRINGS[name]
         theory = [1e-3 * peak(waveform(machine, r.length, nu)) for nu in fine.tolist()]
         ripple, line = abs(machine.torque_ripple(fine)), f"theory, {label}"
         forces += [
             Curve(line, fine, theory, color, "theory"),
-            Curve(label, r.speeds, 1e-3 * largest_forces(orbits), color, "points"),
+            Curve(label, r.speeds, 1e-3 * columns["f_rod_peak"].steps[0], color, "points"),
         ]
         ripples += [
             Curve(line, fine, ripple, color, "theory"),
-            Curve(label, r.speeds, torque_ripple(orbits), color, "points"),
+            Curve(label, r.speeds, columns["tau2"].steps[0], color, "points"),
         ]
     nu, nu_res = r.plane.speed, r.plane.machine.nu_res
     return Chart(

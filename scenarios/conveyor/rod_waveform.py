@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from workbench import Figure
-from workbench.orbits import FORCE_ORDER, at_zero_step, figure_of, sector_peaks
-
-from .drive_orbits import Drive, Orbits
 from .first_order import NODE_ANGLES, Machine, Mechanism, crank, push
 
+ROD_FORCE = "conveyor.f_rod"
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
 #: Even angles from the best of which Newton's method begins; a period of order 32 has 128 of them.
@@ -68,11 +64,6 @@ def peak(waveform: Any) -> float:
     return best
 
 
-def largest_forces(orbits: Orbits) -> NDArray[np.float64]:
-    """The largest rod force of each orbit [N]."""
-    return np.asarray(sector_peaks(orbits.waveform).max(axis=-1))
-
-
 def best_spring_between(waveform_of: Callable[[float], Any], low: float, high: float) -> float:
     """The spring between two [N/m] with the least peak of the rod force; nan where that is at an end.
 
@@ -94,35 +85,9 @@ def springs_around(machine: Machine, nu: float) -> NDArray[np.float64]:
     return np.asarray(np.array(AROUND) * machine.m * nu**2)
 
 
-def best_spring(springs: NDArray[np.float64], orbits: Orbits) -> float | str:
-    """The spring with the least peak among some whose orbits are known [N/m], or why it is not determined."""
-    if problem := next(filter(None, orbits.problem), ""):
-        return str(problem)
+def best_spring(springs: NDArray[np.float64], waveforms: NDArray[np.float64]) -> float:
+    """The spring with the least peak among some whose forces over a turn are known [N/m]; nan for none."""
+    if not np.isfinite(waveforms).all():
+        return math.nan
     c, order = np.sort(springs), np.argsort(springs)
-    optimum = best_spring_between(CubicSpline(c, orbits.waveform[order]), c[0], c[-1])
-    return "it lies far from that of formula (17)" if math.isnan(optimum) else optimum
-
-
-def unloading_spring(drive: Drive, machine: Machine, nu: float) -> Figure:
-    """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
-    again with one more at the place.
-    """
-    meaning, springs = "spring with the smallest peak of the rod force", springs_around(machine, nu)
-
-    def orbits_of(c: Any) -> Orbits:
-        return drive.orbits(replace(machine, c=c), np.full(c.shape, nu), "springs")
-
-    first = orbits_of(drive.for_each_step(springs))
-    optima = [
-        best_spring(springs, orbits) for orbits in map(first.__getitem__, range(drive.multiples))
-    ]
-    if reasons := [c for c in optima if isinstance(c, str)]:
-        return Figure.undetermined("N/m", reasons[0], meaning)
-    guesses = np.array(optima, float)
-    every = first.beside(orbits_of(guesses[:, None]))
-    fine = [best_spring(np.append(springs, c), every[k]) for k, c in enumerate(guesses)]
-    if reasons := [c for c in fine if isinstance(c, str)]:
-        return Figure.undetermined("N/m", reasons[0], meaning)
-    found = np.array(fine, float)
-    noise = np.abs(found - guesses) + CLOSE * found
-    return figure_of(at_zero_step(found, FORCE_ORDER, noise), (), "N/m", meaning)
+    return best_spring_between(CubicSpline(c, waveforms[order]), c[0], c[-1])

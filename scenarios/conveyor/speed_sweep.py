@@ -1,4 +1,6 @@
-"""A table over the speed: what orbits of each speed say, beside first-order theory."""
+"""The orbits of a drive over the speed, branch by branch, and the features of its response: 90 degrees lag, largest ripples,
+limits passed.
+"""
 
 from __future__ import annotations
 
@@ -7,33 +9,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workbench import Figure, Table
-from workbench.branches import BEYOND, Branch, first_of_same
+from workbench import Context, Figure, Table
+from workbench.branches import BEYOND, first_of_same
 from workbench.figure import listed
-from workbench.orbits import MEAN_ERROR, extrapolated, force_peaks, orbit_figure
+from workbench.find import Find, Found, LineSearch, search
+from workbench.orbits import Motions, orbit_figure
 from workbench.steady import STALLED
 
-from .drive_orbits import CRANK_TURN, Drive, Orbits, near
-from .first_order import Machine
-from .machine import has_kloss_characteristic
+from .drive_orbits import CRANK_TURN
 from .orbit import DriveOrbit
-from .response import (
-    AT_EDGE,
-    LEVEL_PASSED,
-    NEED_TWO_SPEEDS,
-    NOT_IN_RANGE,
-    MachineLines,
-    Response,
-    Sought,
-)
 
 Array = NDArray[np.float64]
-Row = Mapping[str, float]
 #: The speeds over which the resonance of a set is swept by default, denser around it [rad/s].
 SPEEDS = {
     "A": "20,24,28,30,32,33,34,35,36,36.5,37,37.5,38,38.5,39,39.5,40,40.5,41,41.5,42,43,44,45,46,"
@@ -43,120 +34,43 @@ SPEEDS = {
 }
 #: Damping ratio above which torque over load, 1 / (1 - x^2 + 2 i zeta x), has no peak at any x > 0.
 LARGEST_PEAKED_ZETA = math.sqrt(0.5)
+#: Load ripple over its largest one on the line below which its phase is not defined well enough.
+VANISHING = 0.02
 FOLD = "one of two steady motions ends between {:.4g} and {:.4g} rad/s, and the ripple jumps there"
+NEED_TWO_SPEEDS = "fewer than two speeds reached a steady state"
+AT_EDGE = "the maximum lies at the edge of the swept range; extend the speeds"
+NOT_IN_RANGE = "the swept range does not contain it"
+PHASE_UNDEFINED = "the load ripple is almost zero {}, so its phase is undefined"
 #: Most speeds that a sentence names one by one; a convention.
 MOST_NAMED = 3
-UNITS = {
-    "nu": "rad/s", "w2": "rad/s", "w2_error": "rad/s", "w2_phase": "deg", "tau2": "N.m",
-    "tau2_error": "N.m", "tau2_phase": "deg", "w2_theory": "rad/s", "w2_phase_theory": "deg",
-    "tau2_theory": "N.m", "tau2_phase_theory": "deg", "lag": "deg", "lag_error": "deg",
-    "w_mean": "rad/s", "w_mean_error": "rad/s", "f_rod_peak": "N", "f_rod_peak_error": "N",
+#: Columns of the table by figures, and whether they have errors beside them.
+COLUMNS = {
+    "w2": "w2", "w2_phase": "w2_phase", "tau2": "tau2", "tau2_phase": "tau2_phase", "w2_theory": "w2_theory",
+    "w2_phase_theory": "w2_phase_theory", "tau2_theory": "tau2_theory", "tau2_phase_theory": "tau2_phase_theory",
+    "lag": "lag", "w_mean": "speed", "f_rod_peak": "f_rod_peak",
 }  # fmt: skip
-
-
-def columns_of(drive: Drive, machine: Machine, nu: Array, orbits: Orbits) -> dict[str, Array]:
-    """Return what orbits of shape (multiples, n) say of machines at speeds, beside theory, in UNITS, shape (n,) each.
-
-    It is nan where there is no orbit, and for errors that are not known.
-    """
-    columns = {"nu": nu}
-    theory: dict[str, Array] = {}
-    for name, amplitudes, left, expected in (
-        ("w2", orbits.speed, orbits.speed_error, machine.speed_ripple(nu)),
-        ("tau2", orbits.torque, orbits.torque_error, machine.torque_ripple(nu)),
-    ):
-        value, error = extrapolated(amplitudes, drive.convergence_order, left)
-        phase = np.angle(value, deg=True)
-        columns |= {name: np.abs(value), f"{name}_error": error, f"{name}_phase": phase}
-        phase = np.angle(expected, deg=True)
-        theory |= {f"{name}_theory": np.abs(expected), f"{name}_phase_theory": phase}
-    lag = np.angle(machine.load_ripple(nu), deg=True) - columns["tau2_phase"]
-    with np.errstate(all="ignore"):
-        lag_error = np.degrees(columns["tau2_error"] / columns["tau2"])
-    mean, mean_error = extrapolated(orbits.mean, drive.convergence_order, MEAN_ERROR * orbits.mean)
-    force, force_error = force_peaks(orbits.waveform).largest()
-    return columns | theory | {
-        "lag": lag % 360.0,
-        "lag_error": np.where(np.isfinite(lag_error), lag_error, np.nan),
-        "w_mean": mean,
-        "w_mean_error": mean_error,
-        "f_rod_peak": force,
-        "f_rod_peak_error": force_error,
-    }  # fmt: skip
-
-
-def run_sweeps(drive: Drive, lines: MachineLines) -> list[SpeedSweep]:
-    """Run the orbits of all lines of speeds together, and return what they say of each line.
-
-    Of a motor whose characteristic is no line every branch of its motions is run. The sweep then has, at each speed,
-    the motion with the largest torque ripple.
-    """
-    found = [Branch(k, x, near(*lines.at(x, k)), (BEYOND, BEYOND)) for k, x in lines.swept.items()]
-    if has_kloss_characteristic(lines.at(found[0].x, found[0].line)[0]):
-        found = branches_of(drive, lines)
-        for k, x in lines.swept.items():  # what has no motion is run to say why
-            if len(lost := np.setdiff1d(x, [y for b in found if b.line == k for y in b.x])):
-                found.append(Branch(k, lost, near(*lines.at(lost, k)), (BEYOND, BEYOND)))
-    line_of = np.array([b.line for b in found])
-    of_branches = MachineLines(
-        lambda x, k: lines.at(x, line_of[k]), {k: b.x for k, b in enumerate(found)}
-    )
-    number = np.repeat(np.arange(len(found)), [len(b.x) for b in found])
-    nus = np.concatenate([b.x for b in found])
-    states = np.repeat(np.concatenate([b.states for b in found])[None], drive.multiples, axis=0)
-    orbits = drive.orbits(*of_branches.at(drive.for_each_step(nus), number), "sweep", states=states)
-    columns = columns_of(drive, *of_branches.at(nus, number), orbits)
-    every = SpeedSweep(drive, of_branches, 0, orbits, columns)
-    is_own = first_of_same([*zip(line_of[number].tolist(), nus.tolist())], orbits.states[0])
-    parts = [
-        replace(every[np.flatnonzero((number == k) & is_own)], line=k, ends=b.ends)
-        for k, b in enumerate(found)
-    ]
-    sweeps = []
-    for key, x in lines.swept.items():
-        some = np.flatnonzero(line_of[number] == key)
-        height = np.nan_to_num(columns["tau2"][some], nan=-1.0)
-        worst = [some[np.argmax(np.where(nus[some] == nu, height, -2.0))] for nu in x]
-        several = tuple(part for part, b in zip(parts, found) if b.line == key and part.is_steady)
-        line = int(number[worst[0]])
-        sweeps.append(
-            replace(every[worst], line=line, branches=several if are_side_by_side(several) else ())
-        )
-    return sweeps
-
-
-def are_side_by_side(branches: Sequence[SpeedSweep]) -> bool:
-    """Whether a branch begins before another has ended; between others there is a gap without any motion."""
-    spans = sorted(branch.span for branch in branches)
-    return any(after[0] < before[1] for before, after in pairwise(spans))
-
-
-def branches_of(drive: Drive, lines: MachineLines) -> list[Branch]:
-    """Return the branches of the motions of induction motors, on lines of their numbers."""
-    places = [(k, x) for k, swept in lines.swept.items() for x in swept.tolist()]
-    machines = [lines.at(x, k) for k, x in places]
-    good = [j for j, (machine, _) in enumerate(machines) if np.isfinite(machine.B)]
-    asked = [DriveOrbit.of(machines[j][0], drive, machines[j][1]) for j in good]
-    found = CRANK_TURN.branches(drive.context, asked) if asked else []
-    return [b._replace(line=places[good[numbers[0]]][0]) for numbers, b in found]
+WITH_ERROR = ("w2", "tau2", "lag", "w_mean", "f_rod_peak")
+#: What is sought: its meaning, the figure, its level, and the meaning of its height.
+LAG = "speed where the torque ripple lags its load by 90 deg"
+PEAKS = {
+    "tau2": ("speed of the largest torque ripple", "torque ripple there, order 2"),
+    "w2": ("speed of the largest speed ripple", "speed ripple there, order 2"),
+}
+#: A level that the ripple passes falling, or rising.
+PASSED = (
+    "speed below which the torque ripple exceeds its limit",
+    "speed above which the torque ripple exceeds its limit",
+)
 
 
 @dataclass(frozen=True)
 class SpeedSweep:
-    """Orbits of a drive at the speeds of a sweep, with all step multiples.
+    """Motions of a drive, one at each of several speeds.
 
     Attributes
     ----------
-    drive : Drive
-        How they were run.
-    lines : MachineLines
-        The machine at each speed, on one of several lines.
-    line : int
-        The number of the line.
-    orbits : Orbits
-        Shape (multiples, speeds).
-    columns : dict
-        What the orbits say, by the names of UNITS, shape (speeds,) each.
+    motions : Motions
+        One at each speed, by rising speed.
     branches : tuple of SpeedSweep
         The branches of its motions where there are several; at each speed the sweep then has the motion of the one with
         the largest torque ripple.
@@ -164,35 +78,43 @@ class SpeedSweep:
         Between which two speeds below, and above, a branch ends; nan where the sweep does.
     """
 
-    drive: Drive
-    lines: MachineLines
-    line: int
-    orbits: Orbits
-    columns: Mapping[str, Array]
+    motions: Motions
     branches: tuple[SpeedSweep, ...] = ()
     ends: tuple[tuple[float, float], tuple[float, float]] = (BEYOND, BEYOND)
 
     def __getitem__(self, rows: Any) -> SpeedSweep:
         """Return some rows of the sweep."""
-        columns = {name: x[rows] for name, x in self.columns.items()}
-        return replace(self, orbits=self.orbits[:, rows], columns=columns)
+        return replace(self, motions=self.motions[rows])
 
     @cached_property
     def speeds(self) -> tuple[float, ...]:
         """Nominal mean speeds [rad/s]."""
-        return tuple(self.columns["nu"].tolist())
+        return tuple(o.nu for o in self.motions.asked)
 
-    def machine(self, nu: Any) -> Machine:
-        """The machine at speeds [rad/s]."""
-        return self.lines.at(nu, self.line)[0]
+    @cached_property
+    def table(self) -> Table:
+        """What the orbits say, speed by speed."""
+        columns, units = {"nu": np.array(self.speeds)}, {"nu": "rad/s"}
+        for name, figure in COLUMNS.items():
+            x = self.motions.columns[figure]
+            columns[name], units[name] = x.value, x.unit
+            if name in WITH_ERROR:
+                columns[f"{name}_error"], units[f"{name}_error"] = x.error, x.unit
+        return Table(columns, units)
 
-    def with_more(self, speeds: Sequence[float]) -> SpeedSweep:
-        """Return the sweep with orbits at more speeds."""
-        (more,) = run_sweeps(self.drive, MachineLines(self.lines.at, {self.line: np.array(speeds)}))
-        order = np.argsort([*self.speeds, *speeds])
-        columns = {name: np.append(x, more.columns[name]) for name, x in self.columns.items()}
-        orbits = self.orbits.beside(more.orbits)
-        return replace(self, orbits=orbits, columns=columns)[order]
+    @property
+    def columns(self) -> Mapping[str, Array]:
+        """Its columns."""
+        return self.table.columns
+
+    def figure(self, name: str, k: int, meaning: str) -> Figure:
+        """Return a figure at the k-th speed."""
+        figure = self.motions.figure(name, k)._replace(meaning=meaning)
+        return (
+            figure
+            if figure.error is not None
+            else figure._replace(reason=self.no_orbit() or figure.reason)
+        )
 
     def at(self, speeds: Sequence[float]) -> SpeedSweep:
         """Return the sweep over some of its speeds, and its branches over those that they have."""
@@ -211,54 +133,6 @@ class SpeedSweep:
         return self.branches or (self,)
 
     @property
-    def response(self) -> Response:
-        """Load over response, by the orbits with the shortest step."""
-        lines = MachineLines(self.lines.at, {self.line: self.columns["nu"]})
-        return Response(lines, self.line, self.orbits[0])
-
-    def lag(self) -> Sought:
-        """Return where the torque ripple lags its load by 90 degrees, at the least speed of all branches."""
-        found = [part.response.lag() for part in self.parts]
-        there = [sought for sought in found if not sought.reason]
-        return min(there, key=lambda sought: sought.x) if there else found[0]
-
-    def peak(self, quantity: int) -> Sought:
-        """Return where the ripple of a quantity is largest; where a branch ends there, the reason against a peak."""
-        return self._highest(quantity)[1]
-
-    def _highest(self, quantity: int) -> tuple[float, Sought]:
-        """The largest ripple of all branches, and where it is."""
-        highest = [(*part.response.highest(quantity), part) for part in self.parts]
-        height, sought, part = max(highest, key=lambda x: x[0])
-        fold = part.ends[0 if sought.x == part.speeds[0] else 1]
-        if sought.reason == AT_EDGE and not math.isnan(fold[0]):
-            sought = sought._replace(reason=FOLD.format(*fold))
-        return height, sought
-
-    def passed(self, level: float) -> list[Sought]:
-        """Return where the largest torque ripple of all branches passes a level [N.m], in order."""
-        if not self.branches:
-            return self.response.passed(level)
-        above = [x for part in self.branches for x in part.stretches_above(level)]
-        above.sort(key=lambda stretch: stretch[0].x)
-        joined = above[:1]
-        for first, last in above[1:]:
-            if first.x > joined[-1][1].x:
-                joined.append((first, last))
-            elif last.x > joined[-1][1].x:
-                joined[-1] = (joined[-1][0], last)
-        return [end for pair in joined for end in pair if math.isfinite(end.x)]
-
-    def stretches_above(self, level: float) -> list[tuple[Sought, Sought]]:
-        """Return the ends of the stretches in which the torque ripple is above a level, infinite where the sweep ends."""
-        ends, above = self.response.passed(level), self.columns["tau2"] > level
-        if above[0]:
-            ends.insert(0, self._end(0, -1.0))
-        if above[-1]:
-            ends.append(self._end(1, 1.0))
-        return list(zip(ends[::2], ends[1::2]))
-
-    @property
     def span(self) -> tuple[float, float]:
         """The speeds between which a branch lies, where it ends by the middle of what is known of its end."""
         first, last = (sum(fold) / 2.0 for fold in self.ends)
@@ -267,43 +141,28 @@ class SpeedSweep:
             self.speeds[-1] if math.isnan(last) else last,
         )
 
-    def _end(self, side: int, sense: float) -> Sought:
-        """The end of a branch on one side, as a place where the ripple passes a level."""
-        fold = self.ends[side]
-        if math.isnan(fold[0]):
-            return Sought(LEVEL_PASSED[sense], self.line, x=sense * math.inf, sense=sense)
-        why = FOLD.format(*fold)
-        return Sought(LEVEL_PASSED[sense], self.line, x=sum(fold) / 2.0, sense=sense, reason=why)
-
-    @cached_property
-    def rows(self) -> list[Row]:
-        """What the orbits say, speed by speed."""
-        return [
-            dict(zip(self.columns, row))
-            for row in zip(*map(np.ndarray.tolist, self.columns.values()))
-        ]
+    def search(self, figure: str, level: float | str) -> LineSearch:
+        """Return the search for a feature along the sweep, a branch."""
+        speeds = np.array(self.speeds)
+        sought = Find("speed", speeds[0], speeds[-1], figure, level, "all", "rad/s")
+        return LineSearch.along(self.motions, sought, speeds, self.motions.states)
 
     @property
-    def table(self) -> Table:
-        """The same as a table."""
-        return Table(self.columns, UNITS)
-
-    @property
-    def motions(self) -> Table:
+    def several(self) -> Table:
         """All motions at speeds that have several of them, those of the largest torque ripple first."""
         import pandas as pd
 
         frames = [
-            part.table.frame.assign(multiplier=part.orbits.contraction[0]) for part in self.branches
+            part.table.frame.assign(multiplier=part.motions.multipliers) for part in self.branches
         ]
         every = pd.concat(frames).sort_values(["nu", "tau2"], ascending=[True, False])
         several = every[every.duplicated("nu", keep=False)]
-        return Table.of_frame(several, {**UNITS, "multiplier": "1"})
+        return Table.of_frame(several, {**self.table.units, "multiplier": "1"})
 
     @property
     def stalled(self) -> list[float]:
-        """The speeds at which the motor does not take the crank through a turn, with the shortest step."""
-        return [nu for nu, why in zip(self.speeds, self.orbits.problem[0]) if why == STALLED]
+        """The speeds at which the motor does not take the crank through a turn."""
+        return [nu for nu, why in zip(self.speeds, self.motions.problems) if why == STALLED]
 
     @property
     def unsteady(self) -> list[float]:
@@ -313,9 +172,7 @@ class SpeedSweep:
 
     def problems(self) -> dict[float, str]:
         """Return why orbits are missing, with any of the steps, by speed."""
-        of_each = zip(self.speeds, self.orbits.problem.T.tolist())
-        found = {nu: next(filter(None, reasons), "") for nu, reasons in of_each}
-        return {nu: why for nu, why in found.items() if why}
+        return {nu: why for nu, why in zip(self.speeds, self.motions.problems) if why}
 
     def named(self, speeds: Sequence[float]) -> str:
         """Return speeds of the sweep in words, by their number where they are many."""
@@ -341,8 +198,7 @@ class SpeedSweep:
         if figure.error is not None or not why:
             return figure
         if figure.reason == NEED_TWO_SPEEDS:
-            is_some = np.isfinite(self.columns["tau2"]).any()
-            return figure._replace(reason=why + f", and {NEED_TWO_SPEEDS}" * bool(is_some))
+            return figure._replace(reason=why + f", and {NEED_TWO_SPEEDS}" * self.is_steady)
         if figure.reason == NOT_IN_RANGE or (figure.reason == AT_EDGE and ends):
             return figure._replace(reason=f"{why}, and the other speeds do not show it")
         return figure
@@ -356,14 +212,142 @@ class SpeedSweep:
         return orbit_figure(value, reach - value, "N", "largest rod force of the sweep", why)
 
 
+def run_sweeps(context: Context, asked: Sequence[Sequence[DriveOrbit]]) -> list[SpeedSweep]:
+    """Run the orbits of all lines of speeds together, and return what they say of each line.
+
+    Of a motor whose characteristic is no line every branch of its motions is run. The sweep then has, at each speed,
+    the motion with the largest torque ripple.
+    """
+    motions, branches = CRANK_TURN.branches(context, [o for of_line in asked for o in of_line])
+    ends = np.cumsum([0, *(len(b.x) for b in branches)])
+    number = {id(o): k for k, of_line in enumerate(asked) for o in of_line}
+    line = np.array([number[id(o)] for o in motions.asked])
+    is_own = first_of_same([(k, o.nu) for k, o in zip(line, motions.asked)], motions.states)
+    parts = [
+        (line[a], SpeedSweep(motions[np.arange(a, b)[is_own[a:b]]], ends=one.ends))
+        for a, b, one in zip(ends, ends[1:], branches)
+    ]
+    sweeps = []
+    for k in range(len(asked)):
+        some = np.flatnonzero(line == k)
+        nus = np.array([motions.asked[j].nu for j in some.tolist()])
+        worst = some[CRANK_TURN.worst_of(np.searchsorted(np.unique(nus), nus), motions[some])]
+        own = tuple(
+            part for of_line, part in parts if of_line == k and part.speeds and part.is_steady
+        )
+        is_several = len(own) > 1 and are_side_by_side(own)
+        sweeps.append(SpeedSweep(motions[worst], own if is_several else ()))
+    return sweeps
+
+
+def are_side_by_side(branches: Sequence[SpeedSweep]) -> bool:
+    """Whether a branch begins before another has ended; between others there is a gap without any motion."""
+    spans = sorted(branch.span for branch in branches)
+    return any(after[0] < before[1] for before, after in pairwise(spans))
+
+
+class Features(NamedTuple):
+    """Where a torque ripple lags by 90 degrees, where both are largest, and how large, and where the torque passes a limit."""
+
+    lag: Figure
+    peaks: Mapping[str, tuple[Figure, Figure]]
+    passed: Sequence[Found]
+
+
+def locate(
+    context: Context, sweeps: Sequence[SpeedSweep], limits: Sequence[float] = ()
+) -> list[Features]:
+    """Locate the features of sweeps, and where the torque ripple of each passes its limit [N.m], all together."""
+    kinds: list[tuple[str, float | str]] = [("lag", 90.0), *((name, "largest") for name in PEAKS)]
+    of_each = [[*kinds, *(("tau2", x) for x in limits[k : k + 1])] for k in range(len(sweeps))]
+    searches = [
+        [[part.search(*kind) for part in sweep.parts] for kind in own]
+        for sweep, own in zip(sweeps, of_each)
+    ]
+    flat = [s for of_sweep in searches for of_kind in of_sweep for s in of_kind]
+    found = iter(search(context, flat))
+    features = []
+    for k, (sweep, of_sweep) in enumerate(zip(sweeps, searches)):
+        lag, torque, speed, *passed = ([(s, next(found)) for s in own] for own in of_sweep)
+        peaks = {name: peak_of(sweep, name, x) for name, x in zip(PEAKS, (torque, speed))}
+        ends = [passed_of(sweep, limits[k], [x for _, x in own]) for own in passed]
+        features.append(Features(lag_of(sweep, lag), peaks, ends[0] if ends else []))
+    return features
+
+
+FoundBy = tuple[LineSearch, list[Found]]
+
+
+def lag_of(sweep: SpeedSweep, found: Sequence[FoundBy]) -> Figure:
+    """Return where the torque ripple lags its load by 90 degrees, at the least speed of all branches."""
+    return sweep.explained(first_lag(found))
+
+
+def first_lag(found: Sequence[FoundBy]) -> Figure:
+    """Return the least place of searches on all branches, or why there is none."""
+    there = [(s, x) for s, of_part in found for x in of_part if math.isfinite(x.x)]
+    if not there:
+        reason = NEED_TWO_SPEEDS if all(len(s.seen) <= 1 for s, _ in found) else NOT_IN_RANGE
+        return Figure.undetermined("rad/s", reason, LAG)
+    s, first = min(there, key=lambda pair: pair[1].x)
+    load = np.abs(s.guide.load(np.append(s.fine(s.seen), first.x)))
+    if load[-1] < VANISHING * load.max():
+        return Figure.undetermined("rad/s", PHASE_UNDEFINED.format("there"), LAG)
+    return first.place._replace(meaning=LAG)
+
+
+def peak_of(sweep: SpeedSweep, name: str, found: Sequence[FoundBy]) -> tuple[Figure, Figure]:
+    """Return where a ripple is largest, and how large; where a branch ends there, the reason against a peak."""
+    meaning, of_height = PEAKS[name]
+    (s, (top,)), part = max(zip(found, sweep.parts), key=lambda pair: pair[0][0].highest)
+    place, height = top.place, top.height
+    assert height is not None
+    if len(s.seen) <= 1:
+        place = place._replace(reason=NEED_TWO_SPEEDS)
+    elif s.reason:
+        fold = part.ends[0 if top.x <= part.speeds[0] else 1]
+        place = place._replace(reason=AT_EDGE if math.isnan(fold[0]) else FOLD.format(*fold))
+    place = sweep.explained(place._replace(meaning=meaning))
+    height = height._replace(unit=sweep.motions.columns[name].unit, meaning=of_height)
+    return place, height._replace(reason=place.reason)
+
+
+def passed_of(sweep: SpeedSweep, limit: float, found: Sequence[Sequence[Found]]) -> list[Found]:
+    """Return where the largest torque ripple of all branches passes a limit, in order."""
+    above: list[tuple[Found, Found]] = []
+    for part, of_part in zip(sweep.parts, found):
+        ends = [x for x in of_part if math.isfinite(x.x)]
+        if not ends and not part.is_steady:
+            continue
+        levels = part.columns["tau2"] > limit
+        seen = np.isfinite(part.columns["tau2"])
+        if levels[seen][0]:
+            ends.insert(0, end_of(part, 0))
+        if levels[seen][-1]:
+            ends.append(end_of(part, 1))
+        above += zip(ends[::2], ends[1::2])
+    above.sort(key=lambda stretch: stretch[0].x)
+    joined = above[:1]
+    for first, last in above[1:]:
+        if first.x > joined[-1][1].x:
+            joined.append((first, last))
+        elif last.x > joined[-1][1].x:
+            joined[-1] = (joined[-1][0], last)
+    ends = [end for pair in joined for end in pair if math.isfinite(end.x)]
+    return [
+        x._replace(place=sweep.explained(x.place._replace(meaning=PASSED[x.rises]))) for x in ends
+    ]
+
+
+def end_of(part: SpeedSweep, side: int) -> Found:
+    """Return the end of a branch on one side as a place where the ripple passes a level; infinite where the sweep ends."""
+    fold, rises = part.ends[side], side == 0
+    if math.isnan(fold[0]):
+        return Found(math.inf if side else -math.inf, Figure.undetermined("rad/s", "?"), rises)
+    return Found(sum(fold) / 2.0, Figure.undetermined("rad/s", FOLD.format(*fold)), rises)
+
+
 def no_orbit(problem: str, nu: float) -> str:
     """Return why there is no orbit at a nominal speed, in a sentence."""
     what = "the motor stalls" if problem == STALLED else "no steady orbit is found"
     return f"{what} at {nu:g} rad/s"
-
-
-def row_figure(row: Row, column: str, meaning: str, why: str = "") -> Figure:
-    """Return a column of a row that has an error beside it, as a figure; `why` says why there is no orbit."""
-    value, error, nu = (row[name] for name in (column, f"{column}_error", "nu"))
-    why = why or f"no steady orbit is found at {nu:g} rad/s"
-    return orbit_figure(value, error, UNITS[column], meaning, why)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim import SimulationError
+from cosim import CONVERGENCE_ORDERS, SimulationError
 from cosim.dense import Array as Samples
 from cosim.engine.settings import RunSettings
 from cosim.metrics import largest, smallest
@@ -17,9 +17,9 @@ from workbench.figure import figure_of_columns
 from workbench.orbits import STEP_MULTIPLES, at_zero_step, figure_of
 from workbench.steady import TURN
 
-from .drive_orbits import Drive
 from .first_order import Machine
 from .machine import conveyor_drive
+from .orbit import Drive
 from .second_order import deviation_left, settling_rates
 
 DRIFT = ("overshoot", "off_16", "off_whole")
@@ -42,7 +42,7 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
     how far it is from others is told in % of the way.
     """
     slow = (1.0 - SLOWER) * nu
-    step_size, multiples = nu - slow, STEP_MULTIPLES[: drive.multiples]
+    step_size, multiples = nu - slow, STEP_MULTIPLES
     stop = duration_of_drift(machine)
     longest = multiples[-1] * TURN / (nu * drive.steps_per_rev)
     count = multiples[-1] * math.ceil(stop / longest)
@@ -69,7 +69,7 @@ def drifts(machine: Machine, drive: Drive, nu: float) -> tuple[Table, dict[str, 
         "largest deviation of formula (16) from the mean speed in that step",
         "the same with the term that (16) neglects",
     )
-    limits = at_zero_step(deviations[0], drive.convergence_order, deviations[1])
+    limits = at_zero_step(deviations[0], CONVERGENCE_ORDERS[drive.algorithm], deviations[1])
     figures = {name: figure_of(limits, j, "%", meant[j]) for j, name in enumerate(DRIFT)}
     slowest = float(-1 / settling_rates(machine).real.max())
     by_16 = "time constant of settling by formula (16)"

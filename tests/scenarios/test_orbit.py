@@ -14,10 +14,10 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import cosim
-from scenarios.conveyor import drive_orbits as conveyor
 from scenarios.conveyor import machine as drives
-from scenarios.conveyor.drive_orbits import Orbits
+from scenarios.conveyor.drive_orbits import CRANK_TURN
 from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.orbit import Drive as Runs
 from scenarios.conveyor.questions import resonance
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import (
@@ -32,6 +32,7 @@ from tests.scenarios.orbit_oracle import (
 )
 from workbench import Context, steady
 from workbench.figure import Figure
+from workbench.orbits import Motions
 from workbench.steady import STALLED, at_angles, return_maps
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
@@ -87,47 +88,48 @@ def test_of_two_nearly_equal_peaks_of_the_rod_force_each_converges_by_itself(
     assert figure.error is not None and figure.error < 1e-4 * figure.value
 
 
-def orbits_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: float) -> Orbits:
-    """Orbits of set A at speeds, shape (multiples, speeds); names have two underscores for a dot."""
+def motions_of(nu: Any, steps_per_rev: int = 512, multiples: int = 1, **start: float) -> Motions:
+    """Motions of set A at speeds; names have two underscores for a dot."""
     changes = {name.replace("__", "."): value for name, value in start.items()}
-    drive = conveyor.Drive(Context(FMUS), "strang", steps_per_rev, multiples)
-    machine = replace(SETS["A"], more=changes)
-    return drive.orbits(machine, drive.for_each_step(np.atleast_1d(nu)), "test")
+    drive = Runs(Context(FMUS), "strang", steps_per_rev)
+    return drive.motions(SETS["A"].follow(changes), nu, multiples)
 
 
-def test_orbits_are_those_of_an_independent_solver_and_what_is_left_is_reported() -> None:
+def amplitudes(motions: Motions, name: str) -> Any:
+    """Complex amplitudes of order 2, with each step size."""
+    size, phase = (motions.columns[x].steps for x in (name, f"{name}_phase"))
+    return size * np.exp(1j * np.radians(phase))
+
+
+def test_orbits_are_those_of_an_independent_solver() -> None:
     """With the phase of each; several speeds and step sizes side by side."""
     speeds = np.array([24.0, 40.0, 57.0])
-    found = orbits_of(speeds, 512, 3)
+    found = motions_of(speeds, 512, 3)
     exact = [orbit(Drive(), nu) for nu in speeds]
-    assert_allclose(found.torque[0], [x.tau2 for x in exact], rtol=1e-3)
-    assert_allclose(found.speed[0], [x.w2 for x in exact], rtol=1e-3)
-    assert (found.torque_error < 1e-7 * abs(found.torque)).all()
-    for k, error in enumerate(abs(found.torque - [x.tau2 for x in exact])):
-        assert_allclose(error, 4.0**k * abs(found.torque[0] - [x.tau2 for x in exact]), rtol=0.1)
+    torque, truth = amplitudes(found, "tau2"), np.array([x.tau2 for x in exact])
+    assert_allclose(torque[0], truth, rtol=1e-3)
+    assert_allclose(amplitudes(found, "w2")[0], [x.w2 for x in exact], rtol=1e-3)
+    for k, error in enumerate(abs(torque - truth)):
+        assert_allclose(error, 4.0**k * abs(torque[0] - truth), rtol=0.1)
 
 
-def test_what_is_not_wanted_is_not_run_and_members_do_not_mix() -> None:
-    drive = conveyor.Drive(Context(FMUS), "strang", 64)
-    nu = np.array([[30.0, np.nan], [np.nan, 50.0]])
-    both = drive.orbits(replace(SETS["A"], T=np.array([0.05, 0.06])), nu, "some")
-    assert drive.counts == {"some": 2}
-    assert np.isnan(both.torque[[0, 1], [1, 0]]).all()
-    for (k, j), T in {(0, 0): 0.05, (1, 1): 0.06}.items():
-        one = np.full((2, 1), np.nan)
-        one[k] = nu[k, j]
-        alone = drive.orbits(replace(SETS["A"], T=T), one, "alone")
-        assert alone.torque[k, 0] == both.torque[k, j]
+def test_members_do_not_mix() -> None:
+    drive = Runs(Context(FMUS), "strang", 128)
+    lags, nus = np.array([0.05, 0.06]), np.array([30.0, 50.0])
+    both = drive.motions(replace(SETS["A"], T=lags), nus)
+    for k in range(2):
+        alone = drive.motions(replace(SETS["A"], T=lags[k]), nus[[k]])
+        assert (alone.columns["tau2"].steps[:, 0] == both.columns["tau2"].steps[:, k]).all()
 
 
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
     rates = abs(orbit(Drive(), 60.0).multipliers)
-    assert orbits_of(60.0).contraction[0, 0] == pytest.approx(rates.max(), rel=1e-3)
+    assert motions_of(60.0).multipliers[0] == pytest.approx(rates.max(), rel=1e-3)
 
 
 def test_a_motor_that_stalls_has_no_orbit() -> None:
-    stalled = orbits_of(5.0, motor__B=1.0, motor__A=5.0)
-    assert stalled.problem[0, 0] == STALLED and np.isnan(stalled.mean)
+    stalled = motions_of(5.0, motor__B=1.0)
+    assert stalled.problems[0] == STALLED and np.isnan(stalled.columns["speed"].value)
     answer = ask("resonance", speeds="3,4,5", start=["motor.B=1"], speed=3.0)
     assert all(answer.figures[name].error is None for name in FIGURES)
     zeta = answer.figures["zeta"].value
@@ -147,9 +149,9 @@ def test_a_start_from_which_the_crank_stalls_is_taken_back(monkeypatch: pytest.M
         return jacobian - (len(wrong) == 1) * np.array([[1e4, 0.0], [0.0, 0.0]]), contraction
 
     monkeypatch.setattr(steady, "return_maps", too_far)
-    found = orbits_of(40.0)
-    assert len(wrong) > 1 and not found.problem.any()
-    assert_allclose(found.torque[0, 0], orbit(Drive(), 40.0).tau2, rtol=1e-3)
+    found = motions_of(40.0)
+    assert len(wrong) > 1 and not found.problems.any()
+    assert_allclose(amplitudes(found, "tau2")[0, 0], orbit(Drive(), 40.0).tau2, rtol=1e-3)
 
 
 def test_an_orbit_that_deviations_leave_is_refused() -> None:
@@ -432,9 +434,9 @@ def test_a_characteristic_that_hardly_bends_has_one_motion(start: dict[str, Any]
 def test_a_linear_motor_has_one_motion_from_wherever_it_is_sought() -> None:
     nu = np.array([34.0, 39.0, 44.0])
     states = np.stack([nu * 0.8, np.full(3, 120.0)], axis=1)
-    drive = conveyor.Drive(Context(FMUS), "strang", 128, 1)
-    near = drive.orbits(SETS["A"], nu, "near")
-    far = drive.orbits(SETS["A"], nu, "far", states=states)
+    drive = Runs(Context(FMUS), "strang", 128)
+    near = drive.motions(SETS["A"], nu)
+    far = CRANK_TURN.motions(drive.context, drive.asked(SETS["A"], nu), states, 1)
     assert_allclose(far.states, near.states, rtol=1e-6)
 
 

@@ -6,6 +6,7 @@ import math
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ from scipy.optimize import brentq
 
 import cosim
 from cosim.errors import pluralize
-from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import SETS
+from scenarios.conveyor.orbit import Drive as Runs
 from scenarios.conveyor.parameter_plane import (
     BuiltMachines,
     Plane,
@@ -28,18 +29,19 @@ from scenarios.conveyor.parameter_plane import (
     shares,
 )
 from scenarios.conveyor.questions import resonance_map
-from scenarios.conveyor.response import NOT_IN_RANGE, Response
 from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
+from workbench.find import Find, LineSearch
+from workbench.orbits import Columns, Motions
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
-DRIVE = drive_orbits.Drive(Context(FMUS), "strang", 256)
+DRIVE = Runs(Context(FMUS), "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
-Points = tuple[Plane, pd.DataFrame, drive_orbits.Orbits]
+Points = tuple[Plane, pd.DataFrame, Motions]
 
 
 def plane(x: str, y: str, speed: float = 60.0) -> Plane:
@@ -112,10 +114,20 @@ def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> 
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
-    map_plane, _, orbits = mapped
-    reversed_orbits = replace(orbits, torque=-orbits.torque)[:11]
-    assert Response(map_plane.lines_of_rows, 0, reversed_orbits).lag().reason == NOT_IN_RANGE
-    assert not Response(map_plane.lines_of_rows, 0, orbits[:11]).lag().reason
+    _, _, motions = mapped
+    row, sought = motions[:11], Find("speed", SPEEDS[0], SPEEDS[-1], "lag", 90.0)
+    turned = {"tau2_phase": row.columns["tau2_phase"].each(lambda x: x + 180.0, "deg", "")}
+    reversed_ = replace(
+        row,
+        columns=Columns(
+            {
+                name: partial(turned.get(name, x).take, slice(None))
+                for name, x in row.columns.items()
+            }
+        ),
+    )
+    assert LineSearch.along(row, sought, np.array(SPEEDS)).crossings()
+    assert not LineSearch.along(reversed_, sought, np.array(SPEEDS)).crossings()
 
 
 def test_values_of_an_axis_are_even_or_even_in_their_logarithm() -> None:
@@ -240,7 +252,7 @@ def test_cosimulated_machines_agree_with_the_probability(mapped: Points) -> None
 
 def test_machines_without_a_steady_orbit_are_left_out_of_a_check(mapped: Points) -> None:
     sample = built(mapped, 44.0)
-    torques = sample.expected[:8].astype(complex)
+    torques = sample.expected[:8].copy()
     torques[2] = math.nan
     check = compared_with_orbits(sample, torques, LIMIT)
     names = ("samples", "not_steady", "judged_above", "judged_below", "off_max")
@@ -326,23 +338,27 @@ def test_start_values_change_the_machine_of_the_map(tmp_path: Path) -> None:
         ),
         ({"y": "speed=1:2:5"}, "the speed belongs on x"),
         ({"x": "motor.T=1:2:5", "range": None}, "both motor.T"),
-        ({"y": "motor.T=a:2:5"}, "must read NAME=FROM:TO:NUMBER"),
-        ({"y": "motor.T=1:2"}, "must read NAME=FROM:TO:NUMBER"),
-        ({"y": "motor.T=1:2:5:cubic"}, "must read NAME=FROM:TO:NUMBER"),
-        ({"y": "motor.T=-1:2:5"}, "motor.T = -1.0 s must be a finite number above 0"),
-        ({"y": "motor.T=0.1:inf:5"}, "motor.T = inf s must be"),
-        ({"y": "motor.T=2:1:5"}, "motor.T must rise: 2 .. 1 s does not"),
+        ({"y": "motor.T=a:2:5"}, "--y motor.T = 'a:2:5' must read from:to:number or a,b,c"),
+        ({"y": "motor.T=1:2"}, "must read from:to:number"),
+        ({"y": "motor.T=1:2:5:cubic"}, "must read from:to:number"),
+        ({"y": "motor.T=-1:2:5"}, "motor.T = -1 s must be a finite number above 0"),
+        ({"y": "motor.T=0.1:inf:5"}, "motor.T = nan s must be a finite number"),
         ({"x": "speed=30:60:3"}, "number of values of speed = 3 must be at least 4"),
-        ({"range": "45:90"}, "--range 45:90 rad/s must rise and lie inside the map, 30 .. 62"),
-        ({"range": "50:45"}, "must rise and lie inside the map"),
+        (
+            {"range": "45:90"},
+            "--range 45:90 rad/s must read FROM:TO, rise and lie inside the map, 30 .. 62",
+        ),
         ({"range": "45"}, "must read FROM:TO"),
-        ({"range": "nan:50"}, "must rise and lie inside the map"),
+        ({"range": "nan:50"}, "--range = nan rad/s must be a finite number"),
         ({"speed": 40.0}, "--speed is for maps whose x is not the speed"),
         ({"x": "motor.B=100:200:5"}, "--range is for maps whose x is the speed"),
-        ({"tolerance": ["motor.T=100"]}, "motor.T = 100.0 % must be at least 0 and below 100"),
-        ({"tolerance": ["motor.T=-1"]}, "must be at least 0 and below 100"),
-        ({"tolerance": ["motor.T=nan"]}, "must be at least 0 and below 100"),
-        ({"tolerance": ["motor.T"]}, "must read NAME=PERCENT"),
+        (
+            {"tolerance": ["motor.T=100"]},
+            "motor.T = 100 % must be a finite number at least 0 % and at most 99 %",
+        ),
+        ({"tolerance": ["motor.T=-1"]}, "must be a finite number at least 0 %"),
+        ({"tolerance": ["motor.T=nan"]}, "motor.T = nan % must be a finite number at least 0 %"),
+        ({"tolerance": ["motor.T"]}, "motor.T = '' must be a number in 1 or %"),
         ({"tolerance": ["motor.kloss.s_b=5"]}, "'motor.kloss.s_b' is not a parameter of the drive"),
         ({"samples": 100}, "samples = 100 must be a power of 2"),
         ({"check_runs": 512}, "check_runs = 512 must be at most samples = 256"),

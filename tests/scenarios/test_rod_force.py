@@ -12,10 +12,11 @@ import sympy
 from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
-from scenarios.conveyor import drive_orbits
 from scenarios.conveyor.first_order import NODE_ANGLES, SETS, Machine, rod_force
+from scenarios.conveyor.orbit import Drive as Runs
 from scenarios.conveyor.questions import rod_force as page
-from scenarios.conveyor.rod_waveform import peak, unloading_spring, waveform
+from scenarios.conveyor.rod_force_map import unloading_spring
+from scenarios.conveyor.rod_waveform import peak, waveform
 from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.conftest import ask, fmus_of
 from tests.scenarios.orbit_oracle import Drive, orbit
@@ -24,7 +25,7 @@ from workbench import Context
 from workbench.answer import Answer
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
-DRIVE = drive_orbits.Drive(Context(fmus_of(page)), "strang", 256)
+DRIVE = Runs(Context(fmus_of(page)), "strang", 256)
 
 
 class Short(Drive):

@@ -18,6 +18,24 @@ from workbench.find import Find, find
 NOWHERE = Context({})
 
 
+class About:
+    """The wave with 10 % more."""
+
+    figures, period = ("y",), math.inf
+
+    def theory(self, _x: Any) -> Any:
+        return np.array(1.0)
+
+    def smooth(self, x: Any, values: Any) -> Any:
+        return values[0] / (2.2 + 1.1 * np.sin(5.0 * x))
+
+    def figure(self, x: Any, smooth: Any) -> Any:
+        return (2.2 + 1.1 * np.sin(5.0 * x)) * smooth.real
+
+    def half_width(self, _x: Any) -> float:
+        return 0.05
+
+
 class Curve(Question):
     """A curve with a shape, and its error."""
 
@@ -31,13 +49,14 @@ class Curve(Question):
             "sine": math.sin(x), "kink": abs(x - 2.0), "plateau": min(max(x - 2.0, 0.0), x - 3.0) if x > 3.0 else min(x - 2.0, 0.0),
             "narrow": math.tanh(300.0 * (x - 2.5)) * math.tanh(300.0 * (2.53 - x)), "hole": x - 2.0,
             "jump": -1.0 if x < 2.7 else 3.0, "cliff": math.atan(1e4 * (x - 2.7)), "wave": 2.0 + math.sin(5.0 * x),
+            "hump": 1.0 / (1.0 + (x - 0.6) ** 2),
         }[self.shape]  # fmt: skip
         if self.shape == "hole" and x > 3.0:
             return Findings({"y": unknown, "square": unknown})
         return Findings({"y": Figure(y, "1", 1e-9), "square": Figure(y * y, "1", 1e-9)})
 
-    def formulas(self) -> dict[str, float]:
-        return {"about": 2.2 + 1.1 * math.sin(5.0 * self.x)}
+    def guide(self, figure: str, over: str) -> Any:
+        return About() if (self.shape, figure) == ("wave", "y") else None
 
 
 def curve(shape: str = "sine") -> Question:
@@ -91,7 +110,7 @@ def test_two_crossings_close_together_are_told_apart_where_the_grid_is_halved_fa
 def test_a_guide_shows_what_the_grid_is_too_coarse_for() -> None:
     """Nine points see nothing of a wave with ten crossings that theory has with 10 % more."""
     wave = curve("wave")
-    (found,) = find(NOWHERE, [(wave, Find("x", 0.1, 6.5, "y", 2.0, "about", "all"))])
+    (found,) = find(NOWHERE, [(wave, Find("x", 0.1, 6.5, "y", 2.0, "all"))])
     assert [x.value for x in found] == pytest.approx(math.pi / 5.0 * np.arange(1, 11), abs=1e-6)
 
 
@@ -102,8 +121,17 @@ def test_what_is_not_there_says_where_it_was_looked_for() -> None:
     assert before.reason == "y stays below its level from 0.5 to 2.875 m"
     with pytest.raises(SetupError, match="no figure 'z', only y, square"):
         find(NOWHERE, [(curve(), Find("x", 1.0, 2.0, "z", 0.0))])
-    with pytest.raises(SetupError, match="with a guide it must be a number"):
-        find(NOWHERE, [(curve(), Find("x", 1.0, 2.0, "y", "square", guide="about"))])
+
+
+@pytest.mark.parametrize("shape", ["wave", "hump"])
+def test_a_largest_value_is_found_with_its_height_with_a_guide_or_without(shape: str) -> None:
+    (found,) = find(NOWHERE, [(curve(shape), Find("x", 0.1, 1.0, "y", "largest", unit="m"))])
+    place, height = found
+    top, most = (math.pi / 10.0, 3.0) if shape == "wave" else (0.6, 1.0)
+    assert place.error is not None and abs(place.value - top) <= place.error < 1e-3
+    assert height.error is not None and abs(height.value - most) <= height.error < 1e-3
+    ((edge, _),) = find(NOWHERE, [(curve(shape), Find("x", 1.2, 1.5, "y", "largest"))])
+    assert edge.error is None and "edge" in edge.reason
 
 
 def test_the_lag_of_a_motor_that_puts_the_resonance_at_a_speed_is_that_of_formula_22() -> None:
@@ -112,7 +140,7 @@ def test_the_lag_of_a_motor_that_puts_the_resonance_at_a_speed_is_that_of_formul
 
     o = DriveOrbit.parse({"speed": 40.0, "steps_per_rev": 256})
     lag = Find("motor.T", 0.04, 0.09, "lag", 90.0, unit="s")
-    edges = Find("speed", 20.0, 60.0, "tau2", 50.0, guide="tau2_theory", which="all")
+    edges = Find("speed", 20.0, 60.0, "tau2", 50.0, which="all")
     (found,), ends = find(Context(fmus_of(orbit)), [(o, lag), (o, edges)])
     machine = o.machine
     truth = machine.slope / (machine.theta0 * (2.0 * 40.0) ** 2)

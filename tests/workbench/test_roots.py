@@ -27,13 +27,13 @@ def search(
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (PEAK_NODES, 1))
 
     def function(x: Array) -> tuple[Any, Array]:
-        return smooth(x) * (1.0 + noise * signs), np.array([noise])
+        return (smooth(x) * (1.0 + noise * signs))[None], np.array([noise])
 
     found = peaks(
         function, lambda x, y, _: 1.0 / np.abs(y), np.array([center]), np.array([half_width])
     )
     assert not any(x.reasons[0] for x in found)
-    return [(float(x.x[0]), float(x.error[0])) for x in found]
+    return [(float(x.x[0, 0]), float(x.error[0, 0])) for x in found]
 
 
 def resonances() -> list[tuple[Callable[[Any], Any], float, float]]:
@@ -109,7 +109,7 @@ def test_peaks_side_by_side_are_those_alone_and_one_without_a_value_says_so() ->
         with np.errstate(invalid="ignore"):  # the fourth has no place to look at
             values = np.stack([smooth(x[:, k]) for k, (smooth, *_) in enumerate(some)], axis=1)
         values[:, 3] = np.nan
-        return values, np.zeros(len(some))
+        return values[None], np.zeros(len(some))
 
     places, heights = peaks(function, lambda x, y, _: 1.0 / np.abs(y), centers, half)
     assert [bool(x) for x in places.reasons] == [k == 3 for k in range(6)]
@@ -117,10 +117,10 @@ def test_peaks_side_by_side_are_those_alone_and_one_without_a_value_says_so() ->
         if k != 3:
             (x, error), (height, _) = search(smooth, centers[k], half[k])
             assert (
-                places.x[k] == pytest.approx(x, rel=1e-7)
-                and abs(places.error[k] - error) < 0.1 * error
+                places.x[0, k] == pytest.approx(x, rel=1e-7)
+                and abs(places.error[0, k] - error) < 0.1 * error
             )
-            assert heights.x[k] == pytest.approx(height, rel=1e-12)
+            assert heights.x[0, k] == pytest.approx(height, rel=1e-12)
 
 
 def test_secants_reach_roots_of_both_slopes_within_their_errors_and_give_up_with_reasons() -> None:

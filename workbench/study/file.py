@@ -47,7 +47,7 @@ TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e
 JUDGEMENTS = Option("judgements", bool)
 NUMBER = Option("number", int, default=0, bounds={"at least": 2, "at most": MAX_RUNS})
 WHICH = Option("which", str, default="first", choices=("first", "all"))
-FIND = '{ over, from, to, figure, level }, and perhaps guide and which = "all"'
+FIND = '{ over, from, to, figure, level }, and perhaps which = "all"'
 SPACING = Option("spacing", str, choices=("linear", "log"))
 SAMPLING = {
     "method": Option("method", str, default="", choices=METHODS),
@@ -219,11 +219,11 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
 
 
 def read_find(question: type[Question], name: str, spec: Any) -> Find:
-    """What is sought, from {over, from, to, figure, level, guide, which}."""
+    """What is sought, from {over, from, to, figure, level, which}."""
     key = f"find.{name}"
     if not name.isidentifier() or not isinstance(spec, dict):
         raise SetupError(f"{key} = {quoted(spec)} must be {FIND}")
-    check_keys(f"{key}: ", spec, ("over", "from", "to", "figure", "level", "guide", "which"))
+    check_keys(f"{key}: ", spec, ("over", "from", "to", "figure", "level", "which"))
     over, level = spec.get("over"), spec.get("level")
     if not isinstance(over, str):
         raise SetupError(
@@ -233,11 +233,11 @@ def read_find(question: type[Question], name: str, spec: Any) -> Find:
     low, high, _ = _ends(option, spec, key)
     if not low > 0.0:
         raise SetupError(f"{key}.from = {low:g} must be above 0")
-    texts = {x: Option(x, str).read(spec.get(x, ""), f"{key}.{x}") for x in ("figure", "guide")}
+    figure = Option("figure", str).read(spec.get("figure", ""), f"{key}.figure")
     which = WHICH.read(spec.get("which", "first"), f"{key}.which")
     if not isinstance(level, str):
         level = Option("level", float).read(level, f"{key}.level")
-    return Find(over, low, high, **texts, level=level, which=which, unit=option.unit)
+    return Find(over, low, high, figure, level, which, option.unit)
 
 
 def _limit(name: str, raw: Any) -> float | str:

@@ -34,19 +34,18 @@ from workbench import (
 from workbench.charts.model import LIFT, THEORY
 from workbench.figure import figure_of_figures
 from workbench.find import Find, find
-from workbench.orbits import STEP_MULTIPLES
+from workbench.orbits import STEP_MULTIPLES, measured
 from workbench.roots import roots_between
 
 from .. import motion
-from ..drive_orbits import ORBIT_ALGORITHMS, Drive
+from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
 from ..first_order import SETS, Machine, Samples, flux_lag
 from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
-from ..orbit import DriveOrbit
+from ..orbit import Drive, DriveOrbit, RippleGuide
 from ..papers import cited
-from ..response import NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING
-from ..speed_sweep import LARGEST_PEAKED_ZETA
+from ..speed_sweep import LARGEST_PEAKED_ZETA, NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -119,7 +118,7 @@ class InductionMotor(Question, NameplateOptions):
         loads = [motor({"conveyor.trough.d": d}) for d in self.resistances]
         slips = [motor({"motor.kloss.s_b": s}) for s in self.slips]
         each = [sheet, *loads, *slips]
-        drive = Drive(context, self.algorithm, self.steps_per_rev)
+        drive = Drive.of(context, self)
         of_kloss = lag_speeds(drive, [(x.machine, x.speeds_around_resonance) for x in each])
         lag_speeds_ = list(
             zip(of_kloss, lag_speeds(drive, [(x.line, x.speeds_around_resonance) for x in each]))
@@ -216,7 +215,8 @@ class Motor(NamedTuple):
         """The speed [rad/s] where (22) holds with the slope at the slip; raises SetupError for none."""
         first, last = self.speeds_around_resonance[[0, -1]]
         nus = np.linspace(first, last, CURVE_POINTS)
-        inside = roots_between(self._in_phase, nus)
+        course = RippleGuide("lag", self.machine, 0.0, "speed")
+        inside = roots_between(lambda nu: course.theory(nu).real, nus)
         load = np.abs(self.machine.load_ripple(np.append(nus, inside[:1])))
         vanishes = load[-1] < VANISHING * load.max()
         if not inside or vanishes:
@@ -225,11 +225,6 @@ class Motor(NamedTuple):
                 f"formula (22) gives no lag of 90 deg in {first:.4g} .. {last:.4g} rad/s: {reason}"
             )
         return inside[0]
-
-    def _in_phase(self, nu: Any) -> Any:
-        """The real part of load over torque ripple by first-order theory, for any load: it is 0 at a lag of 90 degrees."""
-        free = replace(linearised(self.machine, nu), c=0.0)
-        return np.real(free.load_ripple(nu) / free.torque_ripple(nu))
 
     @property
     def tangent(self) -> Machine:
@@ -259,14 +254,14 @@ LagSpeeds = tuple[Figure, Figure]
 
 def lag_speeds(drive: Drive, machines: Sequence[tuple[Machine, Samples]]) -> list[Figure]:
     """The speeds of 90 degrees lag of machines, each sought among some speeds [rad/s]."""
-    sought = []
+    searches = []
     for machine, nus in machines:
         first, last = nus[[0, -1]].tolist()
         for nu in (first, last):
-            drive.require_enough_steps_per_rev(linearised(machine, nu), nu, STEP_MULTIPLES[-1])
-        find_lag = Find("speed", first, last, "lag", 90.0, "lag_theory", unit="rad/s")
-        sought.append((DriveOrbit.of(machine, drive, first), find_lag))
-    return [place for place, *_ in find(drive.context, sought)]
+            require_enough_steps_per_rev(drive, linearised(machine, nu), nu, STEP_MULTIPLES[-1])
+        sought = Find("speed", first, last, "lag", 90.0, unit="rad/s")
+        searches.append((DriveOrbit.of(machine, first, drive), sought))
+    return [place for place, *_ in find(drive.context, searches)]
 
 
 class MotorData(NamedTuple):
@@ -299,13 +294,11 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
     )
     units, columns = {"nu": "rad/s"}, {"nu": nus}
     for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        asked = [DriveOrbit.of(machine, drive, nu) for nu in nus.tolist()]
-        found = DriveOrbit.solve_all(drive.context, asked)
-        for column, unit in (("tau2", "N.m"), ("lag", "deg")):
-            figures = [x.figures[column] for x in found if isinstance(x, Findings)]
-            errors = [math.nan if x.error is None else x.error for x in figures]
-            columns[f"{column}_{name}"] = np.array([x.value for x in figures])
-            columns[f"{column}_{name}_error"] = np.array(errors)
+        asked = [DriveOrbit.of(machine, nu, drive) for nu in nus.tolist()]
+        found = measured(drive.context, asked).columns
+        for column in ("tau2", "lag"):
+            _, error, unit, *_ = x = found[column]
+            columns |= {f"{column}_{name}": x.value, f"{column}_{name}_error": error}
             units |= dict.fromkeys((f"{column}_{name}", f"{column}_{name}_error"), unit)
     return Table(columns, units)
 

@@ -31,16 +31,15 @@ from workbench import (
 )
 from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.figure import figure_of_figures
-from workbench.orbits import STEP_MULTIPLES
-from workbench.plan import GridPlan
+from workbench.orbits import table_of
 
 from .. import motion
-from ..drive_orbits import Drive
-from ..first_order import Machine
+from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
+from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive
-from ..options import LINEAR_MOTOR_STARTS, SweepOptions, linear_drive, speeds_of
-from ..orbit import MEANS, DriveOrbit
+from ..machine import conveyor_drive, followed
+from ..options import LINEAR_MOTOR_STARTS, speeds_of
+from ..orbit import MEANS, Drive
 from ..papers import cited
 from ..second_order import means
 from ..speed_sweep import SPEEDS
@@ -51,7 +50,7 @@ TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 SETTLED = 2.0
 
 
-class MeanValues(Question, SweepOptions):
+class MeanValues(Question):
     """The sweep over speeds, and the speed of the tables."""
 
     parts = DRIVE
@@ -60,6 +59,12 @@ class MeanValues(Question, SweepOptions):
     sources = cited(16, 18, 19, 22, 24)
     is_parallel = True
 
+    set: str = option("A", "parameter set", choices=SETS)
+    steps_per_rev: int = option(512, "communication steps per revolution", least=1)
+    algorithm: str = option("strang", "coupling algorithm", choices=ORBIT_ALGORITHMS)
+    speeds: tuple[float, ...] = option(
+        (), "speeds of the sweep, those of the set by default", "rad/s", above=0.0
+    )
     speed: float | None = option(
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
@@ -70,24 +75,17 @@ class MeanValues(Question, SweepOptions):
         This replaces the single certified run, because the figures come from steady orbits at many speeds, and
         those of the step from several starts that are averaged.
         """
-        machine, drive = linear_drive(self, context)
+        machine, drive = followed(context.fmus, SETS[self.set], self.start), Drive.of(context, self)
         nus = self.speeds or speeds_of(SPEEDS[self.set])
         operating = self.speed or float(machine.nu_res)
-        for nu in nus:
-            drive.require_enough_steps_per_rev(machine, nu)
-        drive = drive.with_stable_multiples(machine, nus[0])
-        drive.require_enough_steps_per_rev(machine, operating, STEP_MULTIPLES[drive.multiples - 1])
-        fixed = {
-            "set": self.set,
-            "algorithm": self.algorithm,
-            "steps_per_rev": self.steps_per_rev,
-            **self.start,
-        }
-        plan = GridPlan(DriveOrbit, fixed, {"speed": sorted({*nus, operating})})
+        for nu in (*nus, operating):
+            require_enough_steps_per_rev(self, machine, nu)
+        every = sorted({*nus, operating})
         columns = {name + end: name + end for name in MEANS for end in ("", "_theory", "_plain")}
-        every, found = plan.table(context, TABLE, {"speed": "nu"}, columns)
-        table = Table.of_frame(every.frame[every.frame["nu"].isin(nus)], every.units)
-        at = found[plan.grid["speed"].index(operating)].figures
+        inputs = {"nu": ("rad/s", every)}
+        table, found = table_of(context, TABLE, drive.asked(machine, every), inputs, columns)
+        table = Table.of_frame(table.frame[table.frame["nu"].isin(nus)], table.units)
+        at = found.motion(every.index(operating)).figures
         step_response, figures = drifts(machine, drive, operating)
         torque = at["torque"]
         for name in DRIFT:

@@ -43,10 +43,11 @@ from workbench.charts.model import Span
 from workbench.figure import figure_of_figures, listed, scaled
 from workbench.live import Live
 from workbench.options import check_fixed_starts
+from workbench.orbits import STEP_MULTIPLES
 from workbench.question import Probe
 
 from .. import classical, motion
-from ..drive_orbits import Drive
+from ..drive_orbits import require_enough_steps_per_rev
 from ..first_order import SETS, Machine
 from ..live_ripple import PANELS, RipplePanel, live_part
 from ..machine import PARTS as DRIVE
@@ -62,19 +63,19 @@ from ..machine import (
     start_values,
 )
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
-from ..orbit import OPERATING
+from ..orbit import OPERATING, Drive
 from ..papers import cited
-from ..response import (
+from ..ripple_limit import RippleLimit
+from ..speed_sweep import (
+    LARGEST_PEAKED_ZETA,
     PHASE_UNDEFINED,
-    SPEED,
-    TORQUE,
+    SPEEDS,
     VANISHING,
-    MachineLines,
-    Sought,
+    Features,
+    SpeedSweep,
     locate,
+    run_sweeps,
 )
-from ..ripple_limit import LimitCrossing, RippleLimit
-from ..speed_sweep import LARGEST_PEAKED_ZETA, SPEEDS, SpeedSweep, row_figure, run_sweeps
 
 TABLE, MOTIONS = "resonance.csv", "resonance_motions.csv"
 #: Rounds of the fixed point of formula (22): the slope of a motor changes little with the speed, so each round leaves a
@@ -173,12 +174,12 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         refused = refusals(context.fmus, machines)
         for k, (question, machine, why) in enumerate(zip(questions, machines, refused)):
             try:
-                plan = planned(question, context, machine, why)
+                plan = planned(question, machine, why)
                 batches.setdefault(plan.batch, {})[k] = plan
             except SetupError as error:
                 found[k] = error
         for plans in batches.values():
-            found |= zip(plans, solved(list(plans.values())))
+            found |= zip(plans, solved(context, list(plans.values())))
         return [found[k] for k in range(len(questions))]
 
     def judgements(self, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
@@ -235,7 +236,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             ]
         return Show(
             charts,
-            *motion.revolution(r.sweep.drive, r.at(r.speed), r.speed),
+            *motion.revolution(r.drive, r.at(r.speed), r.speed),
         )
 
     def live(self, f: Mapping[str, Figure], r: ResonanceData) -> Live | str:
@@ -244,15 +245,14 @@ class Resonance(Question, NameplateOptions, RippleOptions):
             return "on the mains the operating speed follows from the machine; ask again for another one"
         if r.sweep.branches:
             return "the drive has two steady motions, of which a page would follow one"
-        return live_part(r.sweep, r.machine, r.speed, levels(self))
+        return live_part(r.drive.context, r.sweep, r.machine, r.speed, levels(self))
 
 
 class SweepPlan(NamedTuple):
-    """A question with its machine, how that is run, over which speeds it is swept, at which it operates [rad/s]."""
+    """A question with its machine, over which speeds it is swept, at which it operates [rad/s]."""
 
     question: Resonance
     machine: Machine
-    drive: Drive
     speeds: Sequence[float]
     speed: float
 
@@ -260,14 +260,19 @@ class SweepPlan(NamedTuple):
     def batch(self) -> Hashable:
         """What machines have in common that are run together."""
         more = {x: None if isinstance(y, float) else y for x, y in self.machine.more.items()}
-        drive = self.drive
-        return drive.algorithm, drive.steps_per_rev, drive.multiples, frozenset(more.items())
+        return (
+            self.question.algorithm,
+            self.question.steps_per_rev,
+            frozenset(more.items()),
+        )
 
 
 @dataclass(frozen=True)
 class ResonanceData:
-    """The sweep, the operating speed [rad/s] with its row, the limit, and the classical calculation."""
+    """The drive, its machine, the sweep, the operating speed [rad/s] with its row, the limit, and the classical calculation."""
 
+    drive: Drive
+    base: Machine
     sweep: SpeedSweep
     speed: float
     operating: SpeedSweep
@@ -280,11 +285,11 @@ class ResonanceData:
         return self.at(self.at(self.sweep.speeds[len(self.sweep.speeds) // 2]).nu_res)
 
     def at(self, nu: float) -> Machine:
-        """The machine at a speed [rad/s]."""
-        return self.sweep.machine(nu)
+        """The machine at a speed [rad/s], with the slope that its motor has there."""
+        return linearised(self.base, nu)
 
 
-def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPlan:
+def planned(o: Resonance, base: Machine, why: str) -> SweepPlan:
     """Return how the machine of a question is swept.
 
     Raises SetupError for a machine that is refused, which says why, and for settings that cannot give an answer.
@@ -297,61 +302,42 @@ def planned(o: Resonance, context: Context, base: Machine, why: str) -> SweepPla
     speeds = o.speeds or centred(o, speeds_of(by_default[o.set]), base)
     speed = operating_speed_of(o, base)
     require_torque(base, [*speeds, speed])
-    drive = Drive(context, o.algorithm, o.steps_per_rev)
     every = sorted({*speeds, speed})
     for nu in every if has_kloss_characteristic(base) else every[:1]:
-        drive.require_enough_steps_per_rev(linearised(base, nu), nu)
-    return SweepPlan(
-        o, base, drive.with_stable_multiples(linearised(base, every[0]), every[0]), speeds, speed
-    )
+        require_enough_steps_per_rev(o, linearised(base, nu), nu)
+    return SweepPlan(o, base, speeds, speed)
 
 
-def solved(plans: Sequence[SweepPlan]) -> Iterator[Findings]:
+def solved(context: Context, plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
-    drive = plans[0].drive
-    every = {k: np.array(sorted({*plan.speeds, plan.speed})) for k, plan in enumerate(plans)}
-    lines = MachineLines.of(Machine.of([plan.machine for plan in plans]), every)
-    swept = run_sweeps(drive, lines)
-    sought = []
+    drive = Drive.of(context, plans[0].question)
+    every = [np.array(sorted({*plan.speeds, plan.speed})) for plan in plans]
+    asked = [drive.asked(p.machine, x, classical.ClassicalOrbit) for p, x in zip(plans, every)]
+    swept = run_sweeps(context, asked)
     inside = [sweep.at(plan.speeds) for plan, sweep in zip(plans, swept)]
-    for plan, sweep in zip(plans, inside):
-        passed = sweep.passed(plan.question.torque_ripple_limit)
-        sought.append([sweep.lag(), sweep.peak(TORQUE), sweep.peak(SPEED), *passed])
-    responses = [part.response for sweep in inside for part in sweep.parts]
-    flat = [feature for of_one in sought for feature in of_one]
-    located = iter(locate(drive, responses, flat).figures(flat, "rad/s"))
-    for plan, sweep, of_one in zip(plans, swept, sought):
-        yield findings(plan, sweep, of_one, [next(located) for _ in of_one])
+    located = locate(context, inside, [plan.question.torque_ripple_limit for plan in plans])
+    for plan, sweep, features in zip(plans, swept, located):
+        yield findings(drive, plan, sweep, features)
 
 
-def findings(
-    plan: SweepPlan,
-    every: SpeedSweep,
-    sought: Sequence[Sought],
-    located: Sequence[tuple[Figure, Figure]],
-) -> Findings:
+def findings(drive: Drive, plan: SweepPlan, every: SpeedSweep, features: Features) -> Findings:
     """Return what a machine gives: its orbits at every speed, and its features, each with its place and its height."""
     o, speed = plan.question, plan.speed
     sweep, operating = every.at(plan.speeds), every.at([speed])
-    (lag, _), (torque, tau2), (omega, w2), *ends = (
-        [sweep.explained(figure) for figure in pair] for pair in located
-    )
-    crossings = [LimitCrossing(feature, end) for feature, (end, _) in zip(sought[3:], ends)]
-    limit = RippleLimit(o.torque_ripple_limit, sweep, crossings)
-    r = ResonanceData(sweep, speed, operating, limit)
+    limit = RippleLimit(o.torque_ripple_limit, sweep, features.passed)
+    r = ResonanceData(drive, plan.machine, sweep, speed, operating, limit)
     tables = {TABLE: sweep.table}
     if sweep.branches:
-        tables[MOTIONS] = sweep.motions
+        tables[MOTIONS] = sweep.several
     if o.theory == CLASSICAL:
-        r = replace(
-            r, classical=(compared := classical.compare(plan.machine, sweep, o.accepted_error))
-        )
-        tables = {classical.TABLE: compared.table, **tables}
+        compared = classical.compare(drive.context, plan.machine, sweep, o.accepted_error)
+        r, tables = replace(r, classical=compared), {classical.TABLE: compared.table, **tables}
+    (torque, tau2), (omega, w2) = features.peaks.values()
     figures = {
         **formula_figures(r.machine),
-        "nu_90": lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
+        "nu_90": features.lag, "nu_peak_tau": torque, "tau2_peak": tau2, "nu_peak_w": omega, "w2_peak": w2,
         **operating_figures(r), "nu_90_away": figure_of_figures(
-            lambda x: x - speed, lag, unit="rad/s", meaning="distance of the 90 deg lag from the operating speed"
+            lambda x: x - speed, features.lag, unit="rad/s", meaning="distance of the 90 deg lag from the operating speed"
         ),
         "f_rod_peak": sweep.force_figure(), **limit.figures(),
         **(r.classical.figures if r.classical else {}),
@@ -362,14 +348,14 @@ def findings(
     return Findings(
         figures,
         r,
-        conveyor_drive(plan.drive.context.fmus, start),
+        conveyor_drive(drive.context.fmus, start),
         communication=f"{o.steps_per_rev} steps per revolution",
         algorithm=o.algorithm,
         tables=tables,
         facts={
             "operating_speed": speed,
             "rated_torque": o.rated_torque_or_default,
-            "orbits": dict(plan.drive.counts),
+            "orbits": {"sweep": len(STEP_MULTIPLES) * len(every.speeds)},
         },
         warnings=[
             f"No steady orbit at {nu:g} rad/s: {x}"
@@ -420,15 +406,14 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
     The larger load counts, there or of a slow turn: where spring and inertia of the trough nearly cancel, a ripple
     may be many times that of the load and yet small.
     """
-    (row,), why = r.operating.rows, r.operating.no_orbit()
+    at, machine, nu = r.operating, r.at(r.speed), r.speed
     meaning = "lag of the torque ripple behind its load at the operating speed"
-    lag = row_figure(row, "lag", meaning, why)
-    machine, nu = r.at(r.speed), r.speed
+    lag = at.figure("lag", 0, meaning)
     parts = machine.r**2 / 2 * (machine.c + machine.m * nu**2 + machine.d * nu)
-    if not math.isnan(row["lag"]) and abs(machine.load_ripple(nu)) < VANISHING * parts:
+    if not math.isnan(lag.value) and abs(machine.load_ripple(nu)) < VANISHING * parts:
         lag = Figure.undetermined("deg", PHASE_UNDEFINED.format(f"at {r.speed:g} rad/s"), meaning)
-    ripple = row_figure(row, "tau2", "torque ripple at the operating speed", why)
-    mean = row_figure(row, "w_mean", "mean speed of the orbit at the operating speed", why)
+    ripple = at.figure("tau2", 0, "torque ripple at the operating speed")
+    mean = at.figure("speed", 0, "mean speed of the orbit at the operating speed")
     load = max(abs(machine.load_ripple(nu)), abs(machine.load_ripple(0.0)))
     meaning = "torque ripple over load ripple at the operating speed"
     gain = (
@@ -473,7 +458,7 @@ def two_motions(r: ResonanceData) -> list[Judgement]:
         return []
     folds = [fold for part in r.sweep.branches for fold in part.ends if not math.isnan(fold[0])]
     notes = [f"a branch ends between {a:.4g} and {b:.4g} rad/s" for a, b in sorted(set(folds))]
-    several = r.operating.motions.frame
+    several = r.operating.several.frame
     notes += [
         f"at {x.nu:.4g} rad/s it runs with {x.tau2:.4g} N.m and a lag of {x.lag:.3g} deg"
         for x in several.itertuples()

@@ -19,16 +19,18 @@ from numpy.typing import NDArray
 
 from cosim import SetupError
 from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
+from workbench.find import Find, LineSearch, search
 from workbench.options import check_fixed_starts
-from workbench.orbits import STEP_MULTIPLES, orbit_figure
+from workbench.orbits import STEP_MULTIPLES, Motions, orbit_figure
 from workbench.study.words import interval
 
 from .. import motion
-from ..drive_orbits import Drive, Orbits, picked
+from ..drive_orbits import require_enough_steps_per_rev
 from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions
+from ..orbit import Drive
 from ..papers import cited
 from ..parameter_plane import (
     SPEED_NAME,
@@ -38,12 +40,11 @@ from ..parameter_plane import (
     axis,
     extreme,
     on_edge,
-    run_plane,
     shares,
     span,
 )
-from ..response import TORQUE, Response, locate
 from ..risk_map import NEARLY_ALL, SURE, Map, chart_of_rows, maps, stretches
+from ..speed_sweep import first_lag
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -68,6 +69,8 @@ TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 COLUMNS = {"tau2": "ripple", "gain": "gain", "lag": "lag", "tau2_theory": "ripple_theory"}
 UNITS = {"ripple": "N.m", "ripple_error": "N.m", "gain": "1", "gain_error": "1", "lag": "deg", "lag_error": "deg",
          "ripple_theory": "N.m", "probability": "1"}  # fmt: skip
+#: What a row is searched for.
+SOUGHT: tuple[tuple[str, float | str], ...] = (("lag", 90.0), ("tau2", "largest"))
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
 RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
 
@@ -116,12 +119,10 @@ class ResonanceMap(Question, RippleOptions):
             raise SetupError(
                 f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
             )
-        drive = Drive(context, self.algorithm, self.steps_per_rev)
+        drive = Drive.of(context, self)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
-        drive.require_enough_steps_per_rev(
-            picked(machine, nu.shape, worst), float(nu[worst]), STEP_MULTIPLES[-1]
-        )
+        require_enough_steps_per_rev(self, machine[worst], float(nu[worst]), STEP_MULTIPLES[-1])
 
         points, orbits = sweep(plane, drive)
         rows = ridges(plane, drive, orbits)
@@ -228,35 +229,48 @@ def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, floa
     return plane, span("range", o.range or RANGE, across.along)
 
 
-def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Orbits]:
-    """The rows of the table of all points, and their orbits, shape (points,); points without one are warned of."""
-    table, orbits = run_plane(plane, drive, TABLE, COLUMNS)
+def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Motions]:
+    """The rows of the table of all points, and their motions; points without one are warned of."""
+    table, motions = plane.table(drive, TABLE, COLUMNS)
     for y, row in table.frame.groupby(plane.y.name):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
             ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
             logging.getLogger("cosim").warning(
                 f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
             )
-    return table.frame, orbits
+    return table.frame, motions
 
 
-def ridges(plane: Plane, drive: Drive, orbits: Orbits) -> DataFrame:
+def ridges(plane: Plane, drive: Drive, motions: Motions) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
-    has none. The orbits are those of all points.
+    has none. The motions are those of all points.
     """
-    lines, levels = plane.lines_of_rows, plane.y.along.values
-    count = len(plane.x.along.values)
-    of_rows = [orbits[k : k + count] for k in range(0, len(orbits.mean), count)]
-    responses = [Response(lines, k, row) for k, row in enumerate(of_rows)]
-    sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
-    figures = locate(drive, responses, sought).figures(sought, plane.x.along.unit)
-    located = [(x.value, math.nan if x.error is None else x.error) for x, _ in figures]
-    theory = [Response(lines, k) for k in range(len(levels))]
-    rows = [
-        (level, *lag, by_theory.lag().x, *peak, by_theory.peak(TORQUE).x)
-        for level, lag, peak, by_theory in zip(levels, located[::2], located[1::2], theory)
+    x, levels, unit = plane.x.along.values, plane.y.along.values, plane.x.along.unit
+    searches = [
+        LineSearch.along(
+            motions[np.arange(k * len(x), (k + 1) * len(x))],
+            Find(plane.x.name, x[0], x[-1], figure, level, unit=unit),
+            x,
+        )
+        for k in range(len(levels))
+        for figure, level in SOUGHT
     ]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], plane.x.along.unit)).frame
+    found = search(drive.context, searches)
+    lags = [first_lag([pair]) for pair in zip(searches[::2], found[::2])]
+    peaks = [top.place for (top,) in found[1::2]]
+    formulas = [s.by_guide() for s in searches]
+    rows = [
+        (y, lag.value, of_error(lag), formula, peak.value, of_error(peak), of_theory)
+        for y, lag, formula, peak, of_theory in zip(
+            levels, lags, formulas[::2], peaks, formulas[1::2]
+        )
+    ]
+    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], unit)).frame
+
+
+def of_error(figure: Figure) -> float:
+    """The error of a figure, nan for none."""
+    return math.nan if figure.error is None else figure.error
 
 
 def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Sample]:

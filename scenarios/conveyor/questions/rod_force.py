@@ -16,47 +16,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
-from workbench import Context, Figure, Findings, Judgement, Question, Show, option
+from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
 from workbench.answer import parameters
 from workbench.charts.model import GridAxis, Picture
 from workbench.judgement import Holds
 from workbench.orbits import (
     STEP_MULTIPLES,
+    Motions,
     orbit_figure,
 )
 
 from .. import motion
-from ..drive_orbits import Drive
+from ..drive_orbits import require_enough_steps_per_rev
 from ..first_order import SETS, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
-from ..orbit import OPERATING
+from ..orbit import OPERATING, Drive
 from ..papers import cited
 from ..parameter_plane import (
     SPEED_NAME,
     ParameterAxis,
     Plane,
     extreme,
-    run_plane,
 )
-from ..response import LAG, TORQUE, MachineLines, Response, locate
-from ..rod_force_map import SPRINGS, RodForceData, maps, over_angle, over_speed
+from ..rod_force_map import (
+    FAR,
+    SPRINGS,
+    RodForceData,
+    maps,
+    over_angle,
+    over_speed,
+    unloading_spring,
+)
 from ..rod_waveform import (
     CLOSE,
     best_spring_between,
+    peak,
     springs_around,
-    unloading_spring,
     waveform,
 )
-from ..speed_sweep import LARGEST_PEAKED_ZETA, columns_of, no_orbit
+from ..speed_sweep import LAG, LARGEST_PEAKED_ZETA, SpeedSweep, locate, no_orbit
 
 Real = NDArray[np.float64]
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
 COLUMNS = {
-    "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "f_rod_theory": "f_rod_theory",
-    "tau2": "tau2", "tau2_theory": "tau2_theory",
+    "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
+#: Figures at the operating speed.
+TURNING = ("f_rod", "tau2")
 #: Fewest speeds and springs of a map, as many as a cubic needs.
 FEWEST = 4
 #: Rod force over the smallest one up to which the present spring is kept; a convention.
@@ -93,21 +101,21 @@ class RodForce(Question, RippleOptions):
         system = conveyor_drive(context.fmus, present.start(nu))
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-        drive = Drive(context, self.algorithm, self.steps_per_rev)
-        drive.require_enough_steps_per_rev(present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
+        drive = Drive.of(context, self)
+        require_enough_steps_per_rev(self, present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
         across = GridAxis("operating speed", "rad/s", np.array(self.speeds))
         up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
         plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
 
-        table, orbits = run_plane(plane, drive, TABLE, COLUMNS, x="nu", y="c")
+        table, motions = plane.table(drive, TABLE, COLUMNS, x="nu", y="c")
+        table = with_theory(table, motions, length)
         spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
-        swept, turned = np.array([self.speeds]), drive.for_each_step(nu)
         data = RodForceData(
-            drive, length, plane, table.frame, orbits, machines,
-            {name: drive.orbits(x, swept, "speeds")[0] for name, x in machines.items()},
-            {name: drive.orbits(x, turned, "operating speed") for name, x in machines.items()},
+            drive, length, plane, table.frame, motions, machines,
+            {name: drive.motions(x, self.speeds, 1) for name, x in machines.items()},
+            {name: drive.motions(x, [nu]) for name, x in machines.items()},
         )  # fmt: skip
         return Findings(
             {
@@ -183,9 +191,7 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
         "spring": Figure(present.c, "N/m", 0.0, "spring of the machine"),
         "spring_unloaded": spring,
         "spring_formula": Figure(present.m * nu**2, "N/m", 0.0, "that by formula (17)"),
-        "spring_theory": Figure.undetermined(
-            "N/m", "it lies far from that of formula (17)", meaning
-        )
+        "spring_theory": Figure.undetermined("N/m", FAR, meaning)
         if math.isnan(theory)
         else Figure(theory, "N/m", CLOSE * theory, meaning),
     }
@@ -194,47 +200,44 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
 def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
     nu, all_figures = r.plane.speed, dict[str, Figure]()
-    span, shifts = np.linspace(r.speeds[0], r.speeds[-1], 1000), []
-    for name, machine in r.machines.items():
-        label = f"with the {SPRINGS[name][0]}"
-        orbits = r.operating[name][:, None]
-        columns = columns_of(r.drive, machine, np.array([nu]), orbits)
-        at, why = {x: float(y[0]) for x, y in columns.items()}, no_orbit(orbits.problem[0, 0], nu)
-        shifted_machine = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
-        force_error = at["f_rod_peak_error"] + machine.r * (shifted_machine.c - machine.c)
-        unsure = at["tau2_error"] + abs(
-            shifted_machine.torque_ripple(nu) - machine.torque_ripple(nu)
+    span = np.linspace(r.speeds[0], r.speeds[-1], 1000)
+    located = locate(r.drive.context, [SpeedSweep(x) for x in r.sweeps.values()])
+    for (name, machine), features in zip(r.machines.items(), located):
+        label, at = f"with the {SPRINGS[name][0]}", r.operating[name]
+        shifted = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
+        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted))
+        ripple, top = (
+            abs(float(abs(shifted.torque_ripple(x)).max() - abs(machine.torque_ripple(x)).max()))
+            for x in (np.array([nu]), span)
         )
-        formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted_machine))
-        expected = Figure(formula, "N", abs(other - formula), f"that by formula (17) {label}")
-        top, shifted_top = (
-            float(abs(x.torque_ripple(span)).max()) for x in (machine, shifted_machine)
-        )
-        shifts.append(abs(shifted_top - top))
-        all_figures |= {
-            f"f_rod{name}": orbit_figure(
-                at["f_rod_peak"], force_error, "N", f"largest rod force {label}", why
-            ),
-            f"f_rod_formula{name}": expected,
-            f"tau2{name}": orbit_figure(at["tau2"], unsure, "N.m", f"torque ripple {label}", why),
-        }
-    c = np.array([machine.c for machine in r.machines.values()])
-    lines = MachineLines(
-        lambda x, line: (replace(r.plane.machine, c=c[line]), x),
-        dict.fromkeys(range(len(c)), np.array(r.speeds)),
-    )
-    responses = [Response(lines, k, orbits) for k, orbits in enumerate(r.sweeps.values())]
-    sought = [x for response in responses for x in (response.lag(), response.peak(TORQUE))]
-    located = locate(r.drive, responses, sought).figures(sought, "rad/s")
-    lags, tops = located[::2], located[1::2]
-    for name, (lag, _), (_, high), more in zip(r.machines, lags, tops, shifts):
-        label = f"with the {SPRINGS[name][0]}"
-        all_figures[f"nu_90{name}"] = lag._replace(meaning=f"{LAG.meaning} {label}")
-        error = None if high.error is None else high.error + more
-        all_figures[f"tau2_peak{name}"] = high._replace(
-            error=error, meaning=f"largest torque ripple {label}"
-        )
-    return all_figures
+        _, height = features.peaks["tau2"]
+        of_machine = {
+            "f_rod": (at.figure("f_rod_peak", 0), machine.r * (shifted.c - machine.c), "largest rod force"),
+            "f_rod_formula": (Figure(formula, "N", 0.0), abs(other - formula), "that by formula (17)"),
+            "tau2": (at.figure("tau2", 0), ripple, "torque ripple"),
+            "nu_90": (features.lag, 0.0, LAG),
+            "tau2_peak": (height, top, "largest torque ripple"),
+        }  # fmt: skip
+        for key, (figure, more, what) in of_machine.items():
+            error = None if figure.error is None else figure.error + more
+            reason = (
+                no_orbit(at.problems[0], nu) if at.problems[0] and key in TURNING else figure.reason
+            )
+            all_figures[f"{key}{name}"] = figure._replace(
+                error=error, meaning=f"{what} {label}", reason=reason
+            )
+    located_names = ("nu_90", "tau2_peak")
+    return dict(sorted(all_figures.items(), key=lambda x: x[0].startswith(located_names)))
+
+
+def with_theory(table: Table, motions: Motions, length: float) -> Table:
+    """The table with the largest rod force by theory to first order in the ripple."""
+    force = [peak(waveform(o.machine, length, o.nu)) for o in motions.asked]
+    frame = table.frame
+    place = list(frame).index("f_rod_formula") + 1
+    frame.insert(place, "f_rod_theory", force)
+    units = {**table.units, "f_rod_theory": "N"}
+    return Table.of_frame(frame, {str(name): units[str(name)] for name in frame})
 
 
 def agreement(r: RodForceData) -> dict[str, Figure]:
