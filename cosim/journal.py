@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import lock_descriptor
 from numpy.typing import NDArray
 
 from .errors import SetupError
-from .files import lock_file
 from .result import open_unlinked
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def open_journal(
     now = json.loads(json.dumps({"form": FORM, **identity}))
     first = (json.dumps(now) + "\n").encode()
     with _opened(path) as file:
-        if not lock_file(file.fileno()):
+        if not lock_descriptor(file.fileno(), blocking=False):
             raise SetupError(f"another process is writing {path}")
         try:
             file.seek(0)

@@ -21,8 +21,6 @@ from pathlib import Path
 from shutil import rmtree
 from tempfile import gettempdir, mkdtemp
 
-from .files import lock_file
-
 #: A convention of this module: what the names of its folders begin with.
 PREFIX = "cosim_"
 #: A convention of this module: what the names of its folders end with, which nobody else takes by chance.
@@ -120,12 +118,14 @@ def _remove(folder: Path, lock: int | None) -> None:
 
 def _locked(folder: Path) -> int:
     """Lock a folder until the lock is closed; raises BlockingIOError if another process has locked it."""
+    from filelock import lock_descriptor  # which few processes need
+
     if sys.platform == "win32":
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT)
     else:
         lock = os.open(folder, os.O_RDONLY)
     try:
-        if not lock_file(lock):
+        if not lock_descriptor(lock, blocking=False):
             raise BlockingIOError
     except OSError:
         os.close(lock)

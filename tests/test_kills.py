@@ -34,12 +34,28 @@ step = 0.01
 [grid]
 speed = { from = "20rpm", to = "90rpm", number = 6 }
 """
+MAP = """
+from pathlib import Path
+from cosim import Prepared, RunSettings, System
+parts = {"motor": "FMUS/DriveMotor.fmu", "conveyor": "FMUS/CrankConveyor.fmu"}
+wires = ["motor.tau -> conveyor.tau", "conveyor.w -> motor.w"]
+if __name__ == "__main__":
+    with Prepared.open(System(parts, wires), RunSettings(stop=1.0, step=1e-4)) as prepared:
+        ensemble = prepared.map({"motor.A": [7000.0, 7250.0, 7500.0, 8000.0]}, jobs=2)
+    assert not any(ensemble.reasons), ensemble.reasons
+    for name, values in {name: ensemble[name] for name in ("conveyor.w", "motor.tau")}.items():
+        fresh = Path(f"out/.partial-{name}.txt")
+        fresh.write_text("\\n".join(map(repr, values.ravel().tolist())))
+        fresh.replace(f"out/{name}.txt")
+"""
 RUN = "cosim run drive.ssp --step 1e-4"
 QUESTION = "scenarios run {} --flavour native --out out"
 COMMANDS = {
     "run": f"{RUN} --out out/r.csv",
     "run_parquet": f"{RUN} --out out/r.parquet",
     "certify": f"{RUN} --certify --out out/r.csv",
+    "sweep": "cosim sweep drive.ssp --step 1e-4 --stop 1 --vary motor.A=7000:8000:8 --figure largest:motor.tau --jobs 2 --out out/t.csv",
+    "map": "many",
     "resonance": f"{QUESTION.format('resonance')} --speeds 36:44:5 --steps-per-rev 128 --jobs 2",
     "identify": f"{QUESTION.format('identify')} --data {ROOT}/examples/conveyor_record.csv --map time=t "
     "--map conveyor.w=n --map motor.tau=M*0.8:N.m --known conveyor.trough.m=200+-5 "
@@ -135,6 +151,7 @@ def place(
     paths = {part: fmus / "native" / f"{fmu}.fmu" for part, fmu in parts.items()}
     write_ssp(conveyor_drive(paths, SETS["A"].start(40.0)), folder / "drive.ssp", stop=4.0)
     (folder / "speed.toml").write_text(STUDY)
+    (folder / "many.py").write_text(MAP.replace("FMUS", str(fmus / "native")))
     place = Place(request.param, folder, 0.0, {})
     place.clear()
     began = time.monotonic()

@@ -19,6 +19,8 @@ from shutil import rmtree
 from types import FrameType
 from typing import TypeVar
 
+from filelock import lock_descriptor
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -40,11 +42,7 @@ def workplace(out: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        if sys.platform == "win32":
-            os.close(lock)  # an open file cannot be removed there
-        rmtree(folder, ignore_errors=True)
-        if sys.platform != "win32":
-            os.close(lock)
+        _remove(folder, lock)
 
 
 def _new_locked_folder(out: Path) -> tuple[Path, int]:
@@ -56,40 +54,33 @@ def _new_locked_folder(out: Path) -> tuple[Path, int]:
         except FileNotFoundError:  # another build took the folder for one that was left
             continue
         with suppress(OSError):  # a file system without locks, where nobody removes what is left
-            _lock_or_raise(lock)
+            lock_descriptor(lock, blocking=False)
         if (folder / OWNER).exists():
             return folder, lock
         os.close(lock)
 
 
-def _lock_or_raise(file: int) -> None:
-    """Lock an open file until it is closed; raises OSError if another process has locked it."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-    else:
-        import fcntl
-
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
 def _remove_if_abandoned(folder: Path) -> None:
-    """Remove the folder of a build that has ended; raises OSError if it has not."""
+    """Remove the folder of a build that has ended."""
     if folder.is_symlink():
         return
     if not (folder / OWNER).is_file():
         folder.rmdir()  # of a build that was killed before it had a lock; anything else is not empty
         return
     lock = os.open(folder / OWNER, os.O_RDWR)
-    try:
-        _lock_or_raise(lock)
-        if sys.platform != "win32":
-            rmtree(folder)
-    finally:
+    if lock_descriptor(lock, blocking=False):
+        _remove(folder, lock)
+    else:
         os.close(lock)
+
+
+def _remove(folder: Path, lock: int) -> None:
+    """Remove a locked folder and its lock."""
     if sys.platform == "win32":
-        rmtree(folder)
+        os.close(lock)  # an open file cannot be removed there
+    rmtree(folder, ignore_errors=True)
+    if sys.platform != "win32":
+        os.close(lock)
 
 
 def put_in_place(candidate: Path, target: Path) -> None:
