@@ -16,14 +16,14 @@ import sys
 import tempfile
 import threading
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.machinery import ModuleSpec
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from shutil import rmtree
-from typing import Any, Concatenate
+from typing import Any, Concatenate, NamedTuple
 
 from .scratch import scratch
 
@@ -43,6 +43,12 @@ PARENT_DEATH_SIGNAL = 1
 
 _SPAWN = multiprocessing.get_context("spawn")
 _STARTING = threading.Lock()
+
+
+class Death(NamedTuple):
+    """How a process ended, as the rest of a sentence about it."""
+
+    how: str
 
 
 class Child:
@@ -71,6 +77,38 @@ class Child:
             with its, _without_ctrl_c(is_apart=is_apart):
                 self.process.start()
             undo.pop_all()
+        self.heard = clock.monotonic()
+        self._reason, self._told_to_stop = "", math.inf
+
+    def messages(self, patience: float = 0.0) -> Iterator[Any]:
+        """What the process has sent, waiting so long for it [s]; at its end a `Death` is the last."""
+        wait([self.pipe, self.process.sentinel], patience)
+        is_alive = self.process.is_alive()
+        try:
+            while self.pipe.poll():
+                message = self.pipe.recv()
+                self.heard = clock.monotonic()
+                yield message
+        except (EOFError, OSError):
+            is_alive = False
+            self.process.join(GRACE)
+        if not is_alive:
+            yield Death(self._reason or death(self.process))
+
+    def kill_if_silent(self, limit: float) -> None:
+        """Kill the process if it has been silent for longer [s]."""
+        if not self._reason and clock.monotonic() > self.heard + limit:
+            self._reason = f"did not respond for {limit:g} s and was ended"
+            self.process.kill()
+
+    def pass_on(self, stops: Sequence[int]) -> None:
+        """Pass on the first of the signals that ask to stop; a second one kills, and so does another one than Ctrl-C after GRACE."""
+        if stops and stops[0] != signal.SIGINT:
+            self._told_to_stop = min(self._told_to_stop, clock.monotonic())
+        if len(stops) > 1 or clock.monotonic() > self._told_to_stop + GRACE:
+            self.process.kill()
+        elif stops and self.process.pid is not None:
+            os.kill(self.process.pid, signal.SIGINT)
 
     def end(self, grace: float = 0.0) -> tuple[str, str]:
         """The last words of the process and how it ended, by itself within a while [s]; what it leaves is removed."""
@@ -92,11 +130,11 @@ class Child:
 @contextmanager
 def child(
     work: Callable[Concatenate[Connection, ...], None], *arguments: Any, grace_seconds: float = 0.0
-) -> Iterator[tuple[BaseProcess, Connection]]:
-    """A process that does work(pipe, *arguments), and our end of the pipe; it is killed `grace_seconds` after the body."""
+) -> Iterator[Child]:
+    """A process that does work(pipe, *arguments); it is killed `grace_seconds` after the body."""
     one = Child(work, *arguments)
     try:
-        yield one.process, one.pipe
+        yield one
     finally:
         one.end(grace_seconds)
 

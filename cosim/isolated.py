@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 import logging
 import math
-import os
 import signal
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .child import GRACE, child, death, progress_sender
+from .child import GRACE, Child, Death, child, progress_sender
 from .engine.settings import RunSettings
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
@@ -59,11 +57,13 @@ def run_isolated(
     ended = ""
     with (
         collect_interrupts() as pressed,
-        child(_work, system, csv, settings, grace_seconds=GRACE) as (process, ours),
+        child(_work, system, csv, settings, grace_seconds=GRACE) as one,
     ):
-        for kind, content in _messages(
-            ours, process, pressed, timeout=timeout, csv=csv, before=before
-        ):
+        for message in _messages(one, pressed, timeout=timeout, csv=csv, before=before):
+            if isinstance(message, Death):
+                ended = message.how
+                continue
+            kind, content = message
             if kind == "progress" and progress is not None:
                 progress(content)
             elif kind == "log":
@@ -78,10 +78,7 @@ def run_isolated(
                 return result
             elif kind == "error":
                 raise content
-            elif kind == "silent":
-                ended = f"did not respond for {content:g} s and was ended"
-                process.kill()
-    dead = f"the process that ran the parts {', '.join(system.parts)} {ended or death(process)}"
+    dead = f"the process that ran the parts {', '.join(system.parts)} {ended}"
     after = _stamps(csv)
     if before == after:
         if pressed:
@@ -107,15 +104,13 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step, and if an FMU ends the process.
     """
-    with child(_begin_in_child, system, settings, grace_seconds=GRACE) as (process, ours):
-        try:
-            error = ours.recv()
-        except (EOFError, OSError):
-            process.join(GRACE)
-            parts = ", ".join(system.parts)
-            raise SetupError(
-                f"the process that ran the parts {parts} {death(process)} before the first step"
-            ) from None
+    with child(_begin_in_child, system, settings, grace_seconds=GRACE) as one:
+        error = next(one.messages(math.inf))
+    if isinstance(error, Death):
+        parts = ", ".join(system.parts)
+        raise SetupError(
+            f"the process that ran the parts {parts} {error.how} before the first step"
+        )
     if error is not None:
         raise error
 
@@ -169,38 +164,21 @@ class _Forward(logging.Handler):
 
 
 def _messages(
-    pipe: Connection,
-    process: BaseProcess,
-    pressed: Sequence[int],
-    *,
-    timeout: float,
-    csv: Path,
-    before: list[int],
+    one: Child, pressed: Sequence[int], *, timeout: float, csv: Path, before: list[int]
 ) -> Iterator[Any]:
-    """What the child sends until it ends, or that it is silent; passes Ctrl-C on until it reacts."""
-    stop_requested_at = last_message_at = math.inf
+    """What the child sends until it ends; passes Ctrl-C on until it reacts."""
+    has_begun = False
     while True:
-        ready = wait([pipe, process.sentinel], PIPE_PATIENCE)
-        silent = clock.monotonic() - last_message_at
-        if ready:
-            last_message_at = clock.monotonic()
-        elif silent > timeout:
-            yield "silent", timeout
-        elif silent > GRACE and _is_run_over(csv, before):
-            yield "silent", GRACE
-        if pressed and pressed[0] != signal.SIGINT:
-            stop_requested_at = min(stop_requested_at, clock.monotonic())
-        if len(pressed) > 1 or clock.monotonic() > stop_requested_at + GRACE:
-            process.kill()
-        elif pressed and process.pid is not None:
-            os.kill(process.pid, signal.SIGINT)
-        if pipe in ready:
-            try:
-                yield pipe.recv()
-            except (EOFError, OSError):
+        for message in one.messages(PIPE_PATIENCE):
+            has_begun = True
+            yield message
+            if isinstance(message, Death):
                 return
-        elif ready:
-            return
+        if has_begun:
+            one.kill_if_silent(timeout)
+            if clock.monotonic() > one.heard + GRACE and _is_run_over(csv, before):
+                one.kill_if_silent(GRACE)
+        one.pass_on(pressed)
 
 
 def _stamps(csv: Path) -> list[int]:

@@ -7,17 +7,16 @@ import logging
 import time as clock
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from multiprocessing import RawValue
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
 from pickle import PicklingError
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .child import GRACE, child, death, progress_sender
+from .child import GRACE, Child, Death, death, progress_sender
 from .engine.settings import RunSettings
 from .engine.setup import Setup
 from .ensemble import NO_CASES, Cases, Ensemble
@@ -44,37 +43,23 @@ class Task(NamedTuple):
 class Job:
     """A child process, the chunk that it works on, and how many of its members are done.
 
-    Besides, how many blocks it has given, and when it was heard last [s].
+    Besides, how many blocks it has given.
     """
 
-    process: BaseProcess
-    pipe: Connection
+    child: Child
     member: Any
     chunk: Chunk
     columns: tuple[Column, ...]
-    stack: ExitStack
     done: int = 0
     given: int = 0
-    heard: float = field(default_factory=clock.monotonic)
     is_ready: bool = False
-    death: str = ""
 
     def give(self, chunk: Chunk) -> None:
         """Let the process work on a chunk."""
-        self.chunk, self.done, self.heard = chunk, 0, clock.monotonic()
+        self.chunk, self.done, self.child.heard = chunk, 0, clock.monotonic()
         self.member.value = NOBODY
         with suppress(OSError):
-            self.pipe.send(chunk)
-
-    def messages(self) -> Iterator[tuple[str, Any]]:
-        """What the process has sent, and ("dead", how) at its end."""
-        try:
-            while self.pipe.poll():
-                self.heard = clock.monotonic()
-                yield self.pipe.recv()
-        except (EOFError, OSError):
-            self.process.join(GRACE)
-            yield "dead", self.death or death(self.process)
+            self.child.pipe.send(chunk)
 
 
 def in_processes(batch: Batch) -> Iterator[Ensemble]:
@@ -92,17 +77,16 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
         while (batch.waiting or running) and not batch.interrupts:
             while batch.waiting and len(running) < batch.jobs:
                 running.append(_start(batch))
-            wait([job.pipe for job in running], PATIENCE)
+            wait([job.child.pipe for job in running], PATIENCE)
             for job in running:
                 for block in _answers(job, running, batch, told):
                     finished += len(block)
                     yield replace(block, cases=batch.cases)
-                silent = clock.monotonic() - job.heard if job.is_ready else 0.0
-                is_closing = job.member.value == CLOSING
-                limit = min(batch.timeout, GRACE) if is_closing else batch.timeout
-                if silent > limit and not job.death:
-                    job.death = f"did not respond for {limit:g} s and was ended"
-                    job.process.kill()
+                if job.is_ready:
+                    is_closing = job.member.value == CLOSING
+                    job.child.kill_if_silent(
+                        min(batch.timeout, GRACE) if is_closing else batch.timeout
+                    )
             batch.report((finished + sum(job.done for job in running)) / batch.members)
     for text in sorted(told):
         log.error("%s; no run is lost", text)
@@ -110,14 +94,22 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
 
 def _answers(job: Job, running: list[Job], batch: Batch, told: set[str]) -> Iterator[Ensemble]:
     """What a process has done; it gets the next chunk, or ends."""
-    for kind, content in job.messages():
+    for message in job.child.messages():
+        if isinstance(message, Death):
+            running.remove(job)
+            _end(job)
+            if not job.is_ready:
+                raise SetupError(f"the process that was to run the members {message.how}")
+            yield from _failed_members(job, batch.waiting, message.how, told)
+            return
+        kind, content = message
         if kind == "ready":
             job.is_ready = True
         elif kind == "progress":
             job.done = content
         elif kind == "error":
             raise content
-        elif kind == "block":
+        else:
             block, goes_on = content
             job.given += 1
             yield block
@@ -127,15 +119,8 @@ def _answers(job: Job, running: list[Job], batch: Batch, told: set[str]) -> Iter
                 continue
             running.remove(job)
             _end(job)
-            if job.process.exitcode:
-                told.add(f"a process that ran the parts {death(job.process)} {CLOSED}")
-            return
-        else:
-            running.remove(job)
-            _end(job)
-            if not job.is_ready:
-                raise SetupError(f"the process that was to run the members {content}")
-            yield from _failed_members(job, batch.waiting, content, told)
+            if job.child.process.exitcode:
+                told.add(f"a process that ran the parts {death(job.child.process)} {CLOSED}")
             return
 
 
@@ -166,19 +151,20 @@ def _failed_members(
 
 def _start(batch: Batch) -> Job:
     """A new process that works on the next chunk."""
-    stack, member = ExitStack(), RawValue(ctypes.c_longlong, NOBODY)
+    member = RawValue(ctypes.c_longlong, NOBODY)
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
         task = Task(batch.evaluate, columns)
-        arguments = (_serve, member, batch.setup.network.system, batch.setup.settings, task)
-        process, pipe = stack.enter_context(child(*arguments, grace_seconds=GRACE))
+        child = Child(
+            _serve, member, batch.setup.network.system, batch.setup.settings, task
+        )
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
             f"this system cannot be given to another process: {error}; functions of inputs must "
             "be at the top of a module"
         ) from error
     chunk = batch.waiting.pop(0)
-    job = Job(process, pipe, member, chunk, batch.setup.columns, stack)
+    job = Job(child, member, chunk, batch.setup.columns)
     job.give(chunk)
     return job
 
@@ -186,15 +172,14 @@ def _start(batch: Batch) -> Job:
 def _end_all(jobs: list[Job]) -> None:
     """End processes, whatever they do."""
     for job in jobs:
-        job.process.kill()
-        job.stack.close()
+        job.child.end()
 
 
 def _end(job: Job) -> None:
     """End a process that has nothing to do."""
     with suppress(OSError):
-        job.pipe.send(None)
-    job.stack.close()
+        job.child.pipe.send(None)
+    job.child.end(GRACE)
 
 
 def _serve(
@@ -221,4 +206,4 @@ def _serve(
             raise
         except OSError as error:  # no room, no open files: what the runs before have left of them
             member.value = NOBODY
-            pipe.send(("dead", f"could not go on: {error}"))
+            pipe.send(Death(f"could not go on: {error}"))

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
-from cosim.child import Child
+from cosim.child import Child, Death
 from cosim.errors import SetupError
 
 from .. import THREADS
@@ -93,18 +93,16 @@ class CallWorker:
         A child that was killed from outside is replaced and its call done again, three times at
         most. Raises SetupError if no child can be started.
         """
-        is_running = self._child.process.is_alive()
+        message = None
         try:
-            while self._child.pipe.poll():
-                message = self._child.pipe.recv()
+            for message in self._child.messages():
                 if isinstance(message, Outcome):
                     return message
-                self._began = time.monotonic()
-        except (EOFError, OSError):
-            return self._retry_or_crash()
+                if not isinstance(message, Death):
+                    self._began = time.monotonic()
         except Exception as error:  # noqa: BLE001
             return Outcome("failed", message=f"its answer cannot be read: {error}")
-        if not is_running:
+        if isinstance(message, Death):
             return self._retry_or_crash()
         if self.left() == 0.0:
             output, _ = self._bury()

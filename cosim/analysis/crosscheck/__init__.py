@@ -9,7 +9,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from ...child import child, death
+from ...child import child
 from ...errors import SetupError
 from ...fmu.messages import quiet
 from .checks import CHECKS, FAILED, NOT_RUN, STANDARD, CheckResult, checked
@@ -67,18 +67,17 @@ def _checked_in_child(
 ) -> list[CheckResult]:
     """Verdicts of these checks, up to the first that does not come to its end."""
     verdicts: list[CheckResult] = []
-    with child(_run_in_child, path, step, names) as (process, pipe):
+    with child(_run_in_child, path, step, names) as one:
         for name in names:
             detail = f"no answer within {timeout:g} s: it hangs, or needs a longer timeout"
-            try:
-                if pipe.poll(timeout):
-                    verdicts.append(pipe.recv())
-                    continue
-            except EOFError:
-                process.join()
-                detail = f"the process {death(process)}"
+            answer = next(one.messages(timeout), None)
+            if isinstance(answer, CheckResult):
+                verdicts.append(answer)
+                continue
+            if answer is not None:
+                detail = f"the process {answer.how}"
             verdicts.append(CHECKS[name].verdict(version, FAILED, detail))
-            _end_group(process.pid)
+            _end_group(one.process.pid)
             break
     return verdicts
 
