@@ -68,6 +68,8 @@ COMMANDS = {
 #: Kills by each signal; those of the site and of identify take long.
 KILLS = {"identify": 2, "site": 1}
 MANY = 3
+#: Time after which a command is loaded and says itself that it was interrupted [s]; chosen: an ordinary machine needs less.
+LOADED = 1.0
 #: What a folder may contain that depends on when and how often a command ran.
 OF_THE_SESSION = ("journal.runs", "study.json", "made_of.txt", ".buildinfo")
 CHANGING = re.compile(
@@ -93,11 +95,12 @@ class Place(NamedTuple):
         environment = os.environ | {
             "TMPDIR": str(self.folder / "scratch"), "MARK": mark, "PYTHONPATH": str(ROOT), "COLUMNS": "100",
         }  # fmt: skip
-        return subprocess.Popen(
-            [sys.executable, "-m", *COMMANDS[self.name].split()], cwd=self.folder, env=environment,
-            start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            preexec_fn=restore_ctrl_c,  # noqa: PLW1509
-        )  # fmt: skip
+        with (self.folder / "errors.txt").open("wb") as errors:
+            return subprocess.Popen(
+                [sys.executable, "-m", *COMMANDS[self.name].split()], cwd=self.folder, env=environment,
+                start_new_session=True, stdout=subprocess.DEVNULL, stderr=errors,
+                preexec_fn=restore_ctrl_c,  # noqa: PLW1509
+            )  # fmt: skip
 
     def clear(self) -> None:
         """Leave nothing but what the user had there."""
@@ -169,8 +172,11 @@ def test_an_end_at_any_moment_loses_nothing(number: signal.Signals, place: Place
     place.clear()
     while ended < KILLS.get(place.name, MANY):  # each goes on with what the last one left
         process = place.begin(mark)
-        if was_ended(process, draw.uniform(0.05, 0.95) * duration, number):
+        after = draw.uniform(0.05, 0.95) * duration
+        if was_ended(process, after, number):
             ended += 1
+            if number == signal.SIGINT and after > LOADED and place.name != "map":
+                assert b"Traceback" not in (place.folder / "errors.txt").read_bytes()
         else:  # it was faster than before, or what the last one left was nearly all
             duration /= 2.0
             place.clear()

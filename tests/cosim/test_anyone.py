@@ -860,13 +860,13 @@ def test_an_error_of_the_caller_ends_an_isolated_run(
 SCRIPT = """
 import os, signal, sys
 from pathlib import Path
-from cosim import System, isolated, run_isolated
+from cosim import System, child, run_isolated
 
 FMU, CSV, DIARY, WHOM, *DUE = sys.argv[1:]
 PARTIAL, send = Path(CSV).with_suffix(".partial.csv"), os.killpg if WHOM == "all" else os.kill
 IS_DUE = {"early": lambda: True, "rows": lambda: PARTIAL.exists() and PARTIAL.stat().st_size,
           "hangs": lambda: Path(DIARY).exists() and "hangs A" in Path(DIARY).read_text()}
-look = isolated.wait
+look = child.wait
 
 def look_and_interrupt(*arguments):
     if DUE and IS_DUE[DUE[0]]():
@@ -875,7 +875,7 @@ def look_and_interrupt(*arguments):
     return look(*arguments)
 
 if __name__ == "__main__":
-    isolated.wait = look_and_interrupt
+    child.wait = look_and_interrupt
     start = {"A.u": 0.0, "A.integer_in": 0, "A.boolean_in": False, "A.string_in": "",
              "A.enumeration_in": 1}
     run_isolated(System({"A": Path(FMU)}, (), start), csv=Path(CSV), stop=1e7, step=0.1,
