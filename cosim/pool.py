@@ -155,9 +155,7 @@ def _start(batch: Batch) -> Job:
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
         task = Task(batch.evaluate, columns)
-        child = Child(
-            _serve, member, batch.setup.network.system, batch.setup.settings, task
-        )
+        child = Child(_serve, member, batch.setup.network.system, batch.setup.settings, task)
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
             f"this system cannot be given to another process: {error}; functions of inputs must "
