@@ -170,10 +170,6 @@ def test_gauss_seidel_drops_to_first_order_from_rest(fmus: Path) -> None:
         assert measured[:, 1] == pytest.approx(expected, abs=0.1)
 
 
-def test_jacobi_has_first_order(fmus: Path) -> None:
-    assert orders(transient_errors(fmus, "jacobi", False))[-1] == pytest.approx(1.0, abs=0.25)
-
-
 def transient_errors(fmus: Path, algorithm: str, rest: bool) -> Any:
     """Largest error of phi, w, tau over five revolutions for three halvings of the step."""
     start = SETS["A"].start(NU) | (REST if rest else {})

@@ -93,7 +93,6 @@ def test_the_exact_answer_agrees_and_wins(board: Path, answer: ReferenceAnswer) 
     ("name", "text", "said"),
     [
         ("conveyor_drive_b.csv", "time,motor.tau\n0,1\n1,2\n", "its name must read SYSTEM_STEP.csv"),
-        ("conveyor_drive_b_0ms.csv", "time,motor.tau\n0,1\n1,2\n", "its name must read SYSTEM_STEP.csv"),
         ("conveyor_drive_c_1ms.csv", "time,motor.tau\n0,1\n1,2\n", "is of no system here: conveyor_drive_b"),
         ("conveyor_drive_b_1ms.csv", "time,motor.tau [m]\n0,1\n0.1,2\n", "m cannot be converted to N.m"),
         ("conveyor_drive_b_1ms.csv", "time,torque\n0,1\n0.1,2\n", "has no column of the system"),
@@ -102,12 +101,7 @@ def test_the_exact_answer_agrees_and_wins(board: Path, answer: ReferenceAnswer) 
         ("master.json", '{"calls": "two"}', "calls = 'two' must be a number"),
         ("master.json", "[1]", "master.json is ignored"),
         ("master.json", "[" * 100_000, "master.json is ignored"),
-        ("master.json", '{"calls": 1e999}', "calls = inf must be a number"),
-        ("master.json", '{"calls": true}', "calls = True must be a number"),
         ("master.json", '{"title": null}', "title must be a text of at most 300 letters"),
-        ("master.json", f'{{"title": "{100_000 * "x"}"}}', "title must be a text of at most 300 letters"),
-        ("conveyor_drive_b_1e400s.csv", "time,motor.tau\n0,1\n0.5,2\n", "its name must read SYSTEM_STEP.csv"),
-        ("conveyor_drive_b_1ms.csv", "time,motor.tau\n0,1\n0.5,2\n0.5,2\n", "conveyor_drive_b_1ms.csv"),
     ],
 )  # fmt: skip
 def test_what_is_no_result_gets_one_line(
