@@ -166,7 +166,7 @@ def compare(
     Parameters
     ----------
     result : Result, DataFrame or path
-        What is compared: a result, a pandas frame or a file (.csv or .parquet) whose first column is the time.
+        What is compared: a result, a pandas frame or a file (.csv or .parquet) with a column of times.
     reference : Result, DataFrame or path
         What it is compared with, of the same kinds.
     columns : mapping or sequence of str, optional
