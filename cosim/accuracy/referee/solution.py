@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...dense import Curves
 from ...engine.settings import RunSettings
 from ...errors import SetupError
 from ...fmu.messages import quiet
@@ -111,17 +112,16 @@ class Request:
 
     def interpolated(self, times: Array, rows: Array, *, held: bool = False) -> Array:
         """Rows of shape (times, columns) at the wanted times, shape (columns, wanted): held, or by cubics where they are between."""
-        from scipy.interpolate import CubicSpline
-
-        last = np.append(np.diff(times) > 0.0, True)
-        times, rows = times[last], rows[last]
-        if held:
-            before = np.searchsorted(times, self.times * (1.0 + RELATIVE_ROUNDING), "right") - 1
-            return rows[np.maximum(before, 0)].T
-        nearest, exact = self.nearest(times)
-        if exact.all():
-            return rows[nearest].T
-        return np.asarray(CubicSpline(times, rows)(np.clip(self.times, times[0], times[-1])).T)
+        wanted = self.times * (1.0 + RELATIVE_ROUNDING) if held else self.times
+        if not held:
+            last = np.append(np.diff(times) > 0.0, True)
+            nearest, exact = self.nearest(times[last])
+            if exact.all():
+                kept: Array = rows[last]
+                return kept[nearest].T
+        curves = Curves.of_rows(times, rows.T, is_held=held)
+        values: Array = curves(np.clip(wanted, times[0], times[-1]))
+        return values
 
     def with_jumps_at(self, events: Array) -> Request:
         """The request with each jump at the event [s] that it is but for rounding: a time that is printed may lie before it."""
