@@ -483,7 +483,8 @@ class _Batch:
         asked = [self.asked[i] for i in numbers]
         systems = [self.systems[i] for i in numbers]
         multiple = np.repeat(STEP_MULTIPLES[:k], n)
-        is_stable = multiple <= np.tile([coarsest(o) for o in asked], k)
+        most = [coarsest(o) for o in asked] if k > 1 else [1] * n
+        is_stable = multiple <= np.tile(most, k)
         begin = np.where(is_stable[:, None], np.tile(states, (k, 1)), np.nan)
         turns = self.turns(asked * k, systems * k, begin, multiple)
         problems = np.array(turns.problems, object).reshape(k, -1)

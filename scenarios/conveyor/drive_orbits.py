@@ -6,6 +6,7 @@ At a speed nu the motor's line is set for the mean speed nu, and motor and conve
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ from .first_order import Machine, longest_step
 ORBIT_ALGORITHMS = ("jacobi", "gauss-seidel", "strang")
 ORBIT_STATES = ("conveyor.w", "motor.tau")
 CRANK_TURN = Orbit("conveyor.phi", rate="conveyor.w", states=ORBIT_STATES, worst="tau2")
+#: The longest stable step of a machine, which is the same at all speeds of a sweep.
+LONGEST_STEP = lru_cache(4096)(longest_step)
 #: Fewest steps per revolution: rows for orders up to 6, so that order 2 is not aliased by the next ones.
 FEWEST_STEPS = 18
 
@@ -39,7 +42,7 @@ def require_enough_steps_per_rev(
     The longest steps are `coarsening` times as long as those that `o` has by its options.
     """
     setting, most = f"{o.steps_per_rev} steps per revolution", STEP_MULTIPLES[-1]
-    longest = longest_step(machine, o.algorithm)
+    longest = LONGEST_STEP(machine, o.algorithm)
     fewest = coarsening * TURN / (mean_speed * longest)
     why = f", because runs with {coarsening} times fewer give the errors" if coarsening > 1 else ""
     if o.steps_per_rev // coarsening < FEWEST_STEPS:
