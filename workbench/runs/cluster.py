@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
+from uuid import uuid4
 
 from distributed import Client, KilledWorker, Security, Worker, WorkerPlugin, get_worker
 
@@ -35,21 +36,18 @@ GRACE = 60.0
 #: Time between two checks of whether there still are workers [s], chosen: far less than GRACE.
 POLL = 1.0
 TLS = "tls://"
-PLUGIN = "files of runs"
 KEPT = "what was computed is kept, and the same command continues"
 
 
 class Files(WorkerPlugin):  # type: ignore[misc]
-    """The files of the runs on a worker, and its child processes that have nothing to do."""
-
-    name = PLUGIN
+    """The files of one study's runs on a worker, and its child processes that have nothing to do."""
 
     def __init__(self, files: Mapping[str, bytes]) -> None:
-        self._files = files
+        self.name, self._files = uuid4().hex, files
 
     def setup(self, worker: Worker) -> None:
         """Write the files where this worker may write."""
-        self.folder = Path(worker.local_directory) / "runs"
+        self.folder = Path(worker.local_directory) / "runs" / self.name
         unpack(self._files, self.folder)
         self.idle: SimpleQueue[CallWorker] = SimpleQueue()
         multiprocessing.current_process().daemon = (
@@ -96,6 +94,8 @@ def _call(call: tuple[bytes, Path]) -> Any:
 def _run(
     call: bytes,
     timeout: float | None,
+    *,
+    plugin: str,
     page: str,
     local_facts: Mapping[str, Any],
     packages: Sequence[str],
@@ -103,7 +103,7 @@ def _run(
     """Return what becomes of a call, on a worker; raise SetupError on one whose code is another."""
     worker = get_worker()
     _check_same(worker.address, facts(*packages), local_facts)
-    shipped = worker.plugins[PLUGIN]
+    shipped = worker.plugins[plugin]
     copy = shipped.folder / Path(page).name
     try:
         child = shipped.idle.get_nowait()
@@ -138,18 +138,26 @@ def stream(
     with _connect(scheduler) as client:
         needed = facts(*packages)
         _check(client, scheduler, needed, packages)
-        client.register_plugin(Files(contents(files)))
+        plugin = Files(contents(files))
+        client.register_plugin(plugin)
         sent = [_pickled((function, task), files) for function, task, _ in calls.values()]
         limits = [limit for *_, limit in calls.values()]
         futures = client.map(
-            _run, sent, limits, page=page, local_facts=needed, packages=packages, pure=False
+            _run,
+            sent,
+            limits,
+            plugin=plugin.name,
+            page=page,
+            local_facts=needed,
+            packages=packages,
+            pure=False,
         )
         try:
             yield from _outcomes(client, scheduler, dict(zip(futures, calls)))
         finally:
             with contextlib.suppress(OSError, TimeoutError):
                 client.cancel(futures)
-                client.unregister_worker_plugin(PLUGIN)
+                client.unregister_worker_plugin(plugin.name)
 
 
 def _connect(scheduler: str) -> Any:
