@@ -187,7 +187,7 @@ def test_an_answer_tells_what_it_took_from_a_set_and_what_an_inertia_stands_for(
 def test_the_example_of_the_page_on_drives_is_computed_as_its_table_demands() -> None:
     """With the inertia of crank and pulley besides that of the rotor; the page's line, lag and speeds are the answer's."""
     page = (ROOT / "docs" / "drive.md").read_text(encoding="utf-8")
-    (command,) = re.findall(
+    command, *_ = re.findall(
         r"^\.venv/bin/scenarios run resonance (.*nameplate.*)$", page, re.MULTILINE
     )
     kind, parser = PROJECT.load("resonance"), ArgumentParser()
