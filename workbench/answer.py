@@ -193,9 +193,9 @@ class Answer(Findings):
             *self.verdict.splitlines(),
             *(f"  {label:<{wide}}  {x.text()}" for label, x in zip(labels, self.figures.values())),
             *(f"{source}, {where}" for source, where in self.sources),
-            *[self.error_scope] * bool(self.figures),
+            *([self.error_scope] if self.figures else []),
             *(f"Warning: {warning}" for warning in warned[:PRINTED_WARNINGS]),
-            *[f"and {more} more warnings, in {self.scenario}.json"] * (more > 0),
+            *([f"and {more} more warnings, in {self.scenario}.json"] if more > 0 else []),
             *[f"Computed with {flavour} FMUs." for flavour in [self.provenance.get("flavour")] if flavour],
         ])  # fmt: skip
 

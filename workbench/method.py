@@ -185,7 +185,7 @@ def recorded(o: Any, system: System) -> Sequence[str] | None:
     used += [text for chart in o.charts for panel in chart.panels for text in panel.curves]
     for x in o.numbers:
         if isinstance(x.value, Reader):
-            used += [x.value.column, *[x.value.angle] * bool(x.value.angle)]
+            used += [name for name in (x.value.column, x.value.angle) if name]
     names = {name: None for text in used for name in sorted(Formula.read(text).names)}
     outputs = {
         f"{part}.{x.name}"

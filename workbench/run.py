@@ -85,7 +85,7 @@ def ask(
         runner=Runner(1 if in_process else jobs, scheduler or "", project.packages),
         out=out,
         modules=project.wasm_modules(question),
-        command=f"{program} run {for_shell(text)}" + f" --flavour {flavour}" * bool(flavour),
+        command=f"{program} run {for_shell(text)}{f' --flavour {flavour}' if flavour else ''}",
     )
 
 

@@ -72,7 +72,7 @@ class NameplateOptions(workbench.Options):
             most,
             note=f"it contradicts the nameplate, whose slip gives {self.plate.lag:.4g} s",
         )
-        return [agrees] * (agrees.answer is Holds.NO)
+        return [agrees] if agrees.answer is Holds.NO else []
 
     def taken(self, parameter_set: str, *lacking: str) -> list[Judgement]:
         """Return what a machine of one's own has from a set, by names and what else is `lacking`; and the inertia that it has

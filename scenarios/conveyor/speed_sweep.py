@@ -198,7 +198,9 @@ class SpeedSweep:
         if figure.error is not None or not why:
             return figure
         if figure.reason == NEED_TWO_SPEEDS:
-            return figure._replace(reason=why + f", and {NEED_TWO_SPEEDS}" * self.is_steady)
+            return figure._replace(
+                reason=f"{why}, and {NEED_TWO_SPEEDS}" if self.is_steady else why
+            )
         if figure.reason == NOT_IN_RANGE or (figure.reason == AT_EDGE and ends):
             return figure._replace(reason=f"{why}, and the other speeds do not show it")
         return figure

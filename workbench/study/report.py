@@ -89,7 +89,7 @@ def conclude(
     ended = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     sentences = [
         *(f"{text}." for text in (*of_limits, *spreads)),
-        *[f"{pluralize(more, 'more figure')} in the table."] * (more > 0),
+        *([f"{pluralize(more, 'more figure')} in the table."] if more > 0 else []),
         f"{pluralize(len(outcomes), 'run')}, {session[0]} of them now in {session[1]:.1f} s: {ended}.",
         *_remarks(outcomes),
     ]
@@ -128,7 +128,7 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
     """
     runs_by_remark: dict[str, dict[int, str]] = {}
     for number, outcome in enumerate(outcomes):
-        failed = [f"{outcome.status}: {outcome.message}"] * (outcome.status != OK)
+        failed = [] if outcome.status == OK else [f"{outcome.status}: {outcome.message}"]
         warned = (f"warning: {text}" for text in warnings_of(outcome))
         for text in (*failed, *warned, *undetermined_figures(outcome)):
             runs_by_remark.setdefault(PRINTED_NUMBER.sub("#", text), {}).setdefault(number, text)
@@ -138,7 +138,8 @@ def _remarks(outcomes: Sequence[Outcome]) -> list[str]:
         where = f"Run {number}" if len(runs) == 1 else f"{len(runs)} runs (first: run {number})"
         short = PRINTED_NUMBER.sub(lambda number: f"{float(number[0]):.6g}", text)
         lines.append(f"{where}: {' '.join(short.split())}")
-    more = [f"{len(lines) - SPOKEN} more remarks in the table."] * (len(lines) > SPOKEN)
+    left = len(lines) - SPOKEN
+    more = [f"{left} more remarks in the table."] if left > 0 else []
     return lines[:SPOKEN] + more
 
 

@@ -398,7 +398,9 @@ def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
         for motor, (label, color) in MOTORS.items():
             y, error = (r.speeds[f"{name}_{motor}{x}"] for x in ("", "_error"))
             curves.append(Curve(label, r.speeds["nu"], y, color, "points", error))
-        panels.append(Panel(quantity, unit, curves, [Mark(90.0, "90 deg")] * (name == "lag")))
+        panels.append(
+            Panel(quantity, unit, curves, [Mark(90.0, "90 deg")] if name == "lag" else [])
+        )
     marks = [Mark.of(MOTORS[x][0], f[f"nu_{x}"]) for x in MOTORS if f[f"nu_{x}"].error is not None]
     title = "The full characteristic and a linear motor of its slope"
     return Chart(title, "operating speed [rad/s]", panels, marks)

@@ -203,7 +203,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
                 also=[
                     Judgement("lag", f["lag_operating"], *BAND),
                     Judgement("torque over load ripple", f["gain_operating"], least=1.0),
-                    *[damping] * (not has_peak),
+                    *([] if has_peak else [damping]),
                 ],
             ),
             Judgement(

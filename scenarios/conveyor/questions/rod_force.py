@@ -204,7 +204,8 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
     located = locate(r.drive.context, [SpeedSweep(x) for x in r.sweeps.values()])
     for (name, machine), features in zip(r.machines.items(), located):
         label, at = f"with the {SPRINGS[name][0]}", r.operating[name]
-        shifted = replace(machine, c=machine.c + (spring.error or 0.0) * bool(name))
+        more = (spring.error or 0.0) if name else 0.0
+        shifted = replace(machine, c=machine.c + more)
         formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted))
         ripple, top = (
             abs(float(abs(shifted.torque_ripple(x)).max() - abs(machine.torque_ripple(x)).max()))
