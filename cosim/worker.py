@@ -114,6 +114,7 @@ class Worker:
         self._instance = SystemInstance(setup)
         self._deadline = 0.0
         self._names: list[str] = []
+        self._shown: dict[str, list[tuple[str, str]]] = {}
         self._begins: Setup | None = None
         self._varies_inputs = False
         self._known: dict[tuple[StepAndStop, float | None], Alike] = {}
@@ -134,7 +135,7 @@ class Worker:
         """
         self._deadline = clock.monotonic() + LONGEST_BLOCK
         if self._names != cases.names:
-            self._names, self._begins, self._known = cases.names, None, {}
+            self._names, self._begins, self._known, self._shown = cases.names, None, {}, {}
             self._varies_inputs = any(p.name in self._names for p, _ in self.setup.network.inputs)
         self._instance.process = process = ProcessGuard()
         values, wrong = cases.checked(self.setup.network, chunk.numbers.tolist())
@@ -207,9 +208,9 @@ class Worker:
             or breaks != alike.breaks
             or any(known.provenance[name] != value for name, value in ran.items())
         ):
-            shown = {name: self._showing(name) for name in self._names}
+            self._shown = self._shown or {name: self._showing(name) for name in self._names}
             intervals = np.array(breaks, float).reshape(-1, 2)
-            alike.facts = known = Facts(simulation.provenance(), intervals, shown)
+            alike.facts = known = Facts(simulation.provenance(), intervals, self._shown)
             alike.breaks = breaks
         return known
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from numbers import Integral, Real
 
@@ -50,11 +50,14 @@ class Setup:
 
     network: Network
     settings: RunSettings
+    #: What is recorded, whatever the case and the span.
+    ports: list[Port] = field(default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         _require_types(self.settings)
         require_cosimulation(self.network.descriptions, self.network.system.parts)
-        _ = self.ports
+        if not self.ports:
+            self.ports.extend(self.settings.ports(self.network))
         self.settings.check()
         find_algorithm(self.settings.algorithm)
 
@@ -65,11 +68,6 @@ class Setup:
         for problem in setup.problems():
             raise SetupError(problem)
         return setup
-
-    @cached_property
-    def ports(self) -> list[Port]:
-        """What is recorded."""
-        return self.settings.ports(self.network)
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
