@@ -82,7 +82,8 @@ class Child:
 
     def messages(self, patience: float = 0.0) -> Iterator[Any]:
         """What the process has sent, waiting so long for it [s]; at its end a `Death` is the last."""
-        if self.process.sentinel in wait([self.pipe, self.process.sentinel], patience):
+        limit = None if patience == math.inf else patience
+        if self.process.sentinel in wait([self.pipe, self.process.sentinel], limit):
             self.process.join(GRACE)  # it closes its files one by one
         is_alive = self.process.is_alive()
         try:
