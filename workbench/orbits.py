@@ -44,7 +44,7 @@ FINE_ANGLES = 16 * ORBIT_ANGLES
 AT_ONCE = 256
 #: Convergence order of the rod force, which follows the torque of half a step before at once.
 FORCE_ORDER = 1.0
-COARSE_UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated"
+COARSE_UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated; take more steps per revolution"
 NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
 #: Relative error of the mean over a turn, which settling leaves of its period.
 MEAN_ERROR = 2e-9

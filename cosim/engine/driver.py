@@ -167,6 +167,7 @@ class Driver:
         self._advance = self._moments.met(self._plain_advance, self._jumps_at)
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
         self._add: Callable[[Sequence[float]], None] = recorder.add
+        self._extend: Callable[[Sequence[float]], None] = recorder.add  # by several rows
         # times of the last rows, of the result and of the file of all, and of the last jump
         self._shown = self._kept = self._jumped = math.nan
         self._unanswered: float | None = None  # where a break has begun
@@ -191,7 +192,7 @@ class Driver:
             part.instance.refuse_steps_across_events(
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
-        if not self._known.count or self._every is None:
+        if not self._known.count or (self._every is None and self._intermediate_values()):
             return
         if isinstance(loop, OSError):
             self.loop = f"Python, since the compiled loop is missing: {loop}"
@@ -227,7 +228,7 @@ class Driver:
                 self.breaks,
                 self._intermediate_values(),
             )
-            self._add = grid.take
+            self._add, self._extend = grid.take, grid.extend
         try:
             self._add_row(self.row(self.t))
             if self._known.count:
@@ -390,7 +391,7 @@ class Driver:
                 self.accepted = first + done
                 self._add_to_all_rows(rows)
                 due = self._thinned(rows, n + 1, every)
-                self.recorder.add(due)
+                self._extend(due)
                 self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
                 self.t = known.begin_of(self.accepted)
                 has_event = isinstance(failure, EventDueError)

@@ -252,6 +252,11 @@ class OutputGrid:
             self._fill(*self._window[1:3])
             del self._window[0]
 
+    def extend(self, rows: Sequence[float]) -> None:
+        """The values at the next times, one row after the other, behind those of a first time."""
+        for row in np.reshape(rows, (-1, len(self._window[-1]))).tolist():
+            self.take(row)
+
     def flush(self) -> None:
         """Write what waited for values to come, up to the last time, which gets a row."""
         if len(self._window) > 1:

@@ -338,7 +338,7 @@ def test_a_tolerance_that_nothing_keeps_has_no_limit() -> None:
 
 
 def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() -> None:
-    """T is one to four steps: no order is seen, and the secant comes to rest at the limit itself."""
+    """T is one to four steps: the coarsest of the three runs, at which the secant comes to rest, is unstable."""
     answer = ask(
         "resonance",
         theory="classical",
@@ -346,9 +346,10 @@ def test_what_steps_too_long_leave_of_the_classical_calculation_is_a_reason() ->
         steps_per_rev=128,
         start={"motor.T": 0.00625},
     )
-    why = "the coupling error of an orbit is not known; take more steps per revolution"
+    why = "the run with four times the step is unstable, so that no error can be estimated; take more steps per revolution"
     assert answer.figures["limit_spring_torque"].reason == why
     ends = [x for x in answer.judgements if x.what.startswith("classical calculation")]
+    why = "the coupling error of an orbit is not known; take more steps per revolution"
     assert [x.figure.reason for x in ends if x.figure] == [why, why]
 
 
