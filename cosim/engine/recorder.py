@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
@@ -254,8 +255,21 @@ class OutputGrid:
 
     def extend(self, rows: Sequence[float]) -> None:
         """The values at the next times, one row after the other, behind those of a first time."""
-        for row in np.reshape(rows, (-1, len(self._window[-1]))).tolist():
+        each = np.reshape(rows, (-1, len(self._window[-1])))
+        if not self._discrete and self._passed == len(self._breaks):
+            each = each[self._is_near_output(each[:, 0])]
+        for row in each.tolist():
             self.take(row)
+
+    def _is_near_output(self, times: Rows) -> NDArray[np.bool_]:
+        """Which of the next times [s] the cubics at times of the grid need: the others are of no use where nothing jumps."""
+        number = math.ceil((times[-1] - self._due()) / self._spacing) + 1
+        due = self._start + self._spacing * np.arange(self._next - 1, self._next + max(number, 1))
+        near = np.searchsorted(times, due)[:, None] + np.arange(-CUBIC_ROWS, CUBIC_ROWS)
+        is_near = np.zeros(len(times), bool)
+        is_near[near[(near >= 0) & (near < len(times))]] = True
+        is_near[:CUBIC_ROWS] = is_near[-CUBIC_ROWS:] = True
+        return is_near
 
     def flush(self) -> None:
         """Write what waited for values to come, up to the last time, which gets a row."""
