@@ -256,7 +256,7 @@ class OutputGrid:
     def extend(self, rows: Sequence[float]) -> None:
         """The values at the next times, one row after the other, behind those of a first time."""
         each = np.reshape(rows, (-1, len(self._window[-1])))
-        if not self._discrete and self._passed == len(self._breaks):
+        if len(each) and not self._discrete and self._passed == len(self._breaks):
             each = each[self._is_near_output(each[:, 0])]
         for row in each.tolist():
             self.take(row)

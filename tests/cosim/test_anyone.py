@@ -83,6 +83,23 @@ def scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     _folder_of.cache_clear()
 
 
+@pytest.fixture(autouse=True)
+def loop_in_python(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No loop in C for tests of that in Python."""
+    callspec = getattr(request.node, "callspec", None)
+    if callspec and callspec.params.get("loop") == "Python":
+        hide_compiled_loop(monkeypatch)
+
+
+def hide_compiled_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the loop in C be missing."""
+
+    def missing() -> None:
+        raise OSError("not there")
+
+    monkeypatch.setattr("cosim.engine.loop.compiled_library", missing)
+
+
 def clear_copies() -> None:
     """Let go of the FMUs that are kept for the next run."""
     for fmu in list(LOADED.values()):
@@ -826,8 +843,11 @@ def test_a_row_that_was_being_written_is_removed(tmp_path: Path) -> None:
     assert error.result.data.tolist() == [[0.0, 1.0], [0.5, 2.0]]
 
 
-def test_rows_reach_their_file_while_a_run_goes_on(make: Make, tmp_path: Path) -> None:
+def test_rows_reach_their_file_while_a_run_goes_on(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """However few there are, and with the facts of a run that is not over."""
+    hide_compiled_loop(monkeypatch)
     row_counts: list[int] = []
 
     def progress(share: float) -> None:

@@ -204,6 +204,22 @@ def test_interpolated_rows_are_of_fourth_order() -> None:
     assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([4.0] * 2, abs=0.1)
 
 
+@pytest.mark.parametrize("spacing", [0.3e-3, 1e-3, 2.5e-3, 0.01, 0.37])
+def test_rows_of_many_times_at_once_are_those_of_one_after_the_other(spacing: float) -> None:
+    """To the bit, also in pieces, and where a break begins between."""
+    t = np.arange(2000) * 1e-3
+    rows = np.column_stack([t, np.sin(20.0 * t), np.where(t < 1.2, t, -t)])
+    found: list[list[Any]] = [[], []]
+    for each, add in zip(found, ("take", "extend")):
+        grid = OutputGrid(each.append, spacing, [], [(0.5, 0.52)])
+        grid.take(rows[0].tolist())
+        for piece in np.split(rows[1:], [1, 3, 700, 701, 1500]):
+            for part in piece if add == "take" else [piece.ravel()]:
+                getattr(grid, add)(part.tolist())
+        grid.flush()
+    assert_array_equal(*found)
+
+
 def test_events_get_separate_rows(fmus: Path) -> None:
     """The stages of the orientator, far faster than the rows asked for."""
     start = {"orientator.w": 6.0, "orientator.release": True}
