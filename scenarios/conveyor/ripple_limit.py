@@ -58,7 +58,7 @@ class RippleLimit:
         return figures
 
     def judgements(self) -> list[Judgement]:
-        """Return which speeds to avoid, and at how many speeds of the sweep the ripple is above its limit."""
+        """Return at how many speeds of the sweep the ripple is above its limit."""
         answers = self.answers
         counts = {
             "above its limit": answers.count(Holds.YES),
@@ -67,25 +67,4 @@ class RippleLimit:
         }
         rows = ", ".join(f"{text} at {count}" for text, count in counts.items() if count)
         total = f"{len(answers)} speed{'s' * (len(answers) > 1)} of the sweep"
-        return [*self.avoided(), Judgement("torque ripple", note=f"{rows} of {total}")]
-
-    def avoided(self) -> list[Judgement]:
-        """Return the stretches between crossings with the digits that hold; beyond the sweep nothing is known."""
-        ends: list[tuple[str, str]] = [
-            (crossing.place.brief(), "")
-            if crossing.place.error is not None
-            else (f"about {float(f'{crossing.x:.2g}'):g} rad/s", crossing.place.reason)
-            for crossing in self.crossings
-        ]
-        if ends and not self.crossings[0].rises:
-            ends.insert(0, (f"the start of the sweep, {self.sweep.speeds[0]:g} rad/s,", ""))
-        if len(ends) % 2:
-            ends.append((f"the end of the sweep, {self.sweep.speeds[-1]:g} rad/s", ""))
-        notes = []
-        for (begin, why), (end, other) in zip(ends[::2], ends[1::2]):
-            reason = why or other
-            unsure = (
-                f"; how far that is from the truth is not determined: {reason}" if reason else ""
-            )
-            notes.append(f"{begin} to {end}{unsure}")
-        return [Judgement("avoid speeds", note=note) for note in notes]
+        return [Judgement("torque ripple", note=f"{rows} of {total}")]
