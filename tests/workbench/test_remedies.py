@@ -223,7 +223,8 @@ def test_the_speeds_that_make_a_drive_safe_are_those_between_which_it_is_not() -
 
 def quoted(page: str, heading: str) -> list[tuple[str, list[str]]]:
     """The commands below a heading, and the lines that the page quotes of each."""
-    text = (ROOT / "docs" / page).read_text().partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    after = (ROOT / "docs" / page).read_text().partition(f"## {heading}\n")[2]
+    text = re.split(r"\n##+ ", after)[0]
     blocks = re.findall(r"```sh\n\.venv/bin/scenarios (.*)\n```\n\n((?:>.*\n)+)", text)
     return [(x, [y[2:] for y in lines.splitlines() if y[2:]]) for x, lines in blocks]
 
