@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import NamedTuple
 
 QUANTITY = re.compile(
     r"\s*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?inf|nan)(?:\s*([a-z%][\w./%]*))?\s*",
@@ -46,8 +47,24 @@ def multiples(unit: str) -> dict[str, float]:
     return {unit: 1.0}
 
 
-def in_unit(text: str, unit: str) -> float:
+class Quantity(NamedTuple):
+    """A number as it is written, and its unit, "" for none."""
+
+    number: float
+    unit: str
+
+
+def read_quantity(text: object) -> Quantity | None:
+    """The one reader of "7.3 rpm", "9.3e5N/m", "-.5", "inf"; None for what is no such text."""
+    match = QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    return Quantity(float(match[1]), match[2] or "") if match else None
+
+
+def in_unit(text: object, unit: str) -> float:
     """The number of "7.3 rpm" in this unit, in which it is if it states none; nan for another text or quantity."""
-    quantity = QUANTITY.fullmatch(text)
-    scale = multiples(unit).get(quantity[2] or unit) if quantity else None
-    return math.nan if quantity is None or scale is None else scale * float(quantity[1])
+    written = read_quantity(text)
+    return (
+        multiples(unit).get(written.unit or unit, math.nan) * written.number
+        if written
+        else math.nan
+    )

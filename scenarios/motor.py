@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from cosim import SetupError
 from cosim.system import Value
-from cosim.units import QUANTITY, multiples
+from cosim.units import in_unit, read_quantity
 
 INERTIA = "conveyor.rotor.J"
 FORM = '"5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"'
@@ -123,19 +123,18 @@ def implausible(plate: Nameplate) -> str:
 def _item(item: str, text: str) -> tuple[str, float]:
     """The name and the value of an item of a nameplate."""
     first, _, unit = item.partition(" ")
-    if unit in OTHER_UNITS and (match := QUANTITY.fullmatch(first)):
+    if unit in OTHER_UNITS and (quantity := read_quantity(first)):
         name, factor = OTHER_UNITS[unit]
-        return name, float(match[1]) * factor
+        return name, quantity.number * factor
     number, colon, one = item.partition(":")
-    match = QUANTITY.fullmatch(number if colon and one.strip() == "1" else item)
-    if match and colon:
-        return "ratio", float(match[1])
-    if match and not match[2]:
-        return "breakdown", float(match[1])
+    quantity = read_quantity(number if colon and one.strip() == "1" else item)
+    if quantity and colon:
+        return "ratio", quantity.number
+    if quantity and not quantity.unit:
+        return "breakdown", quantity.number
     for name, unit in (NEEDED | MORE).items():
-        scale = multiples(unit).get(match[2]) if match and unit else None
-        if match and scale:
-            return name, float(match[1]) * scale
+        if unit and not math.isnan(value := in_unit(item, unit)):
+            return name, value
     raise SetupError(f"nameplate {text!r}: {item!r} cannot be read: write it as {FORM}")
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim import SetupError
 from cosim.cli.options import Parser, exit_code
-from cosim.units import QUANTITY
+from cosim.units import read_quantity
 
 from . import catalog
 from .catalog import QuestionError, as_question_errors
@@ -185,7 +185,7 @@ def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -
     if word.startswith("-"):
         return unknown_option(word.lstrip("-").partition("=")[0], flags, who)
     before = words[: words.index(word)]
-    if before and (quantity := QUANTITY.fullmatch(before[-1])) and not quantity[2]:
+    if before and (quantity := read_quantity(before[-1])) and not quantity.unit:
         return SetupError(
             f"{word!r} after {before[-1]} belongs to no option: write {before[-1]}{word}"
         )

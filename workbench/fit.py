@@ -17,7 +17,7 @@ import cosim
 from cosim import Advice, Experiment, Identified, Series, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.system import Value, connect
-from cosim.units import QUANTITY, multiples
+from cosim.units import in_unit, multiples
 
 from .answer import Findings, Table
 from .charts.model import Chart, Curve, Mark, Panel
@@ -233,14 +233,11 @@ class RecordOptions(Options):
 def noise(system: System, text: str) -> tuple[str, float]:
     """Name of a text such as "conveyor.w=2rpm", and its number in the unit of the variable."""
     name, _, value = (part.strip() for part in text.partition("="))
-    match = QUANTITY.fullmatch(value)
-    if match is None:
-        raise SetupError(f"noise {text!r} must read NAME=NUMBER, or NAME=NUMBER and a unit")
-    units = multiples(connect(system).port(name).unit)
-    scale = units.get(match[2] or next(iter(units)))
-    if scale is None:
-        raise SetupError(f"noise {text!r} must be in {' or '.join(units)}")
-    return name, scale * float(match[1])
+    unit = connect(system).port(name).unit
+    if math.isnan(number := in_unit(value, unit)):
+        units = " or ".join(multiples(unit))
+        raise SetupError(f"noise {text!r} must read NAME=NUMBER, in {units}")
+    return name, number
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:

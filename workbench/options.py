@@ -21,7 +21,7 @@ from cosim import SetupError
 from cosim.cli.options import assignment
 from cosim.rounding import unit_suffix
 from cosim.system import Value, literal
-from cosim.units import QUANTITY, multiples
+from cosim.units import multiples, read_quantity
 
 Start = dict[str, Value]
 HOLDS = {"above": gt, "at least": ge, "at most": le}
@@ -169,16 +169,16 @@ class Option:
 
     def _parsed(self, texts: Sequence[str], prefix: str, form: str) -> list[float]:
         """Numbers that are written in one unit, in the declared one; others are refused by their form."""
-        matches = [match for match in map(QUANTITY.fullmatch, texts) if match]
-        if len(matches) < len(texts):
+        written = [quantity for quantity in map(read_quantity, texts) if quantity]
+        if len(written) < len(texts):
             raise SetupError(f"{prefix} must {form}")
-        units = list(dict.fromkeys(match[2] for match in matches if match[2]))
+        units = list(dict.fromkeys(unit for _, unit in written if unit))
         if len(units) > 1:
             raise SetupError(f"{prefix} must be in one unit, not {' and '.join(units)}")
         scale = multiples(self.unit).get("".join(units) or self.unit)
         if scale is None:
             raise SetupError(f"{prefix} must {self._expected()}")
-        return [float(match[1]) * scale for match in matches]
+        return [number * scale for number, _ in written]
 
     def _expected(self) -> str:
         units = " or ".join(multiples(self.unit))

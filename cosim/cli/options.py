@@ -19,7 +19,7 @@ from ..engine.algorithms import ALGORITHMS
 from ..errors import RunError, SetupError
 from ..names import meant
 from ..signals import handle_stop_signals
-from ..units import QUANTITY, in_unit, multiples
+from ..units import in_unit, multiples, read_quantity
 
 #: How argparse refuses a word that is none of several.
 CHOICE = re.compile(r".*invalid choice: '(?P<wrong>.*)' \(choose from (?P<names>.*)\)")
@@ -58,13 +58,11 @@ class Parser(argparse.ArgumentParser):
 
 def parse_number(text: str) -> float:
     """A number; raises ArgumentTypeError for another text."""
-    quantity = QUANTITY.fullmatch(text)
-    if quantity is None or quantity[2]:
+    quantity = read_quantity(text)
+    if quantity is None or quantity.unit or math.isnan(quantity.number):
         other = "; start values are given with --set or --start" if "=" in text else ""
         raise argparse.ArgumentTypeError(f"{text!r} is not a number{other}")
-    if math.isnan(number := float(quantity[1])):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
-    return number
+    return quantity.number
 
 
 def parse_whole(least: int, text: str) -> int:
@@ -76,14 +74,13 @@ def parse_whole(least: int, text: str) -> int:
 
 def parse_time(text: str) -> float:
     """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
-    if QUANTITY.fullmatch(text) is None:
+    quantity = read_quantity(text)
+    if quantity is None or not quantity.unit:
         return parse_number(text)
     if math.isnan(time := in_unit(text, "s")):
         choices = ", ".join(multiples("s"))
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a time: its unit must be one of {choices}"
-            if text.strip().lower() != "nan"
-            else f"{text!r} is not a number"
         )
     return time
 

@@ -26,7 +26,7 @@ from ..system import (
 from ..system.graph import algebraic_loops, describe_loop, stepping_order
 from ..system.inputs import parse_change
 from ..system.start_values import checked_start
-from ..units import QUANTITY, multiples
+from ..units import in_unit
 from .algorithms import REGISTRY, find_algorithm
 from .changes import continuous_profiles, inputs_before
 from .control import Adaptive
@@ -361,11 +361,10 @@ def _require_types(settings: RunSettings) -> None:
 
 def _how_to_write(name: str, value: object) -> str:
     """How to write a text as a number of seconds, where it is one."""
-    quantity = QUANTITY.fullmatch(value) if isinstance(value, str) else None
-    scale = multiples("s").get(quantity[2] or "s") if quantity and name != "tolerance" else None
-    if quantity is None or scale is None:
+    seconds = in_unit(value, "s")
+    if name == "tolerance" or math.isnan(seconds):
         return ""
-    return f" of seconds: write {name}={float(quantity[1]) * scale!r}"
+    return f" of seconds: write {name}={seconds!r}"
 
 
 def _single_instances(network: Network) -> Iterator[str]:

@@ -10,7 +10,7 @@ from contextlib import suppress
 from ..errors import SetupError
 from ..numbers import whole
 from ..rounding import unit_suffix
-from ..units import QUANTITY
+from ..units import read_quantity
 from .declarations import WIDTHS, describe_integer_type, fits
 from .description import NUMERIC, Value, Variable, enumeration
 from .ports import Catalog, Port, conversion_to
@@ -33,10 +33,10 @@ def value_of_text(catalog: Catalog, port: Port, text: str) -> Value:
     """
     if port.type in ("String", "Binary"):
         return text
-    quantity = QUANTITY.fullmatch(text)
-    if quantity is not None and quantity[2] and port.type == "Real":
-        factor, offset = conversion_to(catalog, port, quantity[2], "be given")
-        return factor * float(quantity[1]) + offset
+    quantity = read_quantity(text)
+    if quantity and quantity.unit and port.type == "Real":
+        factor, offset = conversion_to(catalog, port, quantity.unit, "be given")
+        return factor * quantity.number + offset
     return literal(text)
 
 
@@ -46,8 +46,8 @@ def literal(text: str) -> Value:
         return TRUTHS[text]
     with suppress(ValueError):
         return whole(text)
-    quantity = QUANTITY.fullmatch(text)
-    return text if quantity is None or quantity[2] else float(quantity[1])
+    quantity = read_quantity(text)
+    return text if quantity is None or quantity.unit else quantity.number
 
 
 def checked_start(catalog: Catalog, port: Port, value: Value) -> tuple[Port, Value]:

@@ -19,7 +19,7 @@ from scipy.stats import qmc
 from scipy.stats.distributions import rv_frozen
 
 from cosim import SetupError
-from cosim.units import QUANTITY
+from cosim.units import read_quantity
 
 from ..find import Find
 from ..options import TYPE_NAMES, Option, declared, quoted, unknown_option
@@ -242,8 +242,8 @@ def read_find(question: type[Question], name: str, spec: Any) -> Find:
 
 def _limit(name: str, raw: Any) -> float | str:
     """The limit of a figure; its unit is known when a run has the figure."""
-    written = QUANTITY.fullmatch(raw) if isinstance(raw, str) else None
-    if isinstance(raw, bool) or not (isinstance(raw, int | float) or (written and written[2])):
+    written = read_quantity(raw)
+    if isinstance(raw, bool) or not (isinstance(raw, int | float) or (written and written.unit)):
         raise SetupError(
             f'limits.{name} = {quoted(raw)} must be a number, or a text with a unit such as "62.5N.m"'
         )
@@ -362,11 +362,11 @@ def _ends(option: Option, spec: Spec, key: str) -> tuple[float, float, bool]:
 
 def _width(option: Option, raw: object, nominal: float, key: str) -> float:
     """A width above 0: a number in the unit of the nominal value, or a share of it, "5 %"."""
-    written = QUANTITY.fullmatch(raw) if isinstance(raw, str) else None
+    written = read_quantity(raw)
     width = -1.0
-    if written and written[2] == "%":
-        width = float(written[1]) / 100.0 * abs(nominal)
-    elif not isinstance(raw, str) or (written and written[2]):
+    if written and written.unit == "%":
+        width = written.number / 100.0 * abs(nominal)
+    elif not isinstance(raw, str) or (written and written.unit):
         width = _free(option).read(raw, key)
     if not width > 0.0:
         of_zero = " (the nominal value is 0)" if width == 0.0 == nominal else ""
