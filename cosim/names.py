@@ -1,10 +1,14 @@
-"""What a wrong name in a message is answered with: the names that there are, and the one that is nearest."""
+"""Public names, loaded when they are asked for; and what a wrong name is answered with: all there are, and the nearest."""
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 #: Names up to which a message lists all. A convention: they fill a few lines of a screen.
 MOST_LISTED = 40
@@ -43,3 +47,32 @@ def _alike(wrong: str, names: Collection[str]) -> Collection[str]:
         k = max(bisect_left(read, wrong[::backwards]) - MOST_COMPARED // 4, 0)
         alike |= dict.fromkeys(name[::backwards] for name in read[k : k + MOST_COMPARED // 2])
     return alike
+
+
+def load_on_request(
+    package: str, file: str
+) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """Return `__getattr__`, `__dir__` and `__all__` of a package whose public names the stub beside its file lists.
+
+    A name is imported when it is first asked for: NumPy and SciPy take longer than most runs.
+    """
+    stub = Path(file).with_suffix(".pyi").read_text("utf-8")
+    homes = {name: home for home, name in re.findall(r"from \.([\w.]+) import (\w+) as", stub)}
+    public = sorted(homes)
+
+    def load(name: str) -> Any:
+        """Return a public name from its module, or a module; raises AttributeError."""
+        if name.startswith("_"):
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        try:
+            if name in homes:
+                value = getattr(import_module(f"{package}.{homes[name]}"), name)
+                setattr(import_module(package), name, value)
+                return value
+            return import_module(f"{package}.{name}")
+        except ModuleNotFoundError as error:
+            if error.name != f"{package}.{name}":
+                raise
+        raise AttributeError(f"module {package!r} has no attribute {name!r}{meant(name, public)}")
+
+    return load, lambda: [*public, "__version__"], public

@@ -47,17 +47,17 @@ def multiples(unit: str) -> dict[str, float]:
     return {unit: 1.0}
 
 
-class Quantity(NamedTuple):
+class NumberWithUnit(NamedTuple):
     """A number as it is written, and its unit, "" for none."""
 
     number: float
     unit: str
 
 
-def read_quantity(text: object) -> Quantity | None:
+def read_quantity(text: object) -> NumberWithUnit | None:
     """The one reader of "7.3 rpm", "9.3e5N/m", "-.5", "inf"; None for what is no such text."""
     match = QUANTITY.fullmatch(text) if isinstance(text, str) else None
-    return Quantity(float(match[1]), match[2] or "") if match else None
+    return NumberWithUnit(float(match[1]), match[2] or "") if match else None
 
 
 def in_unit(text: object, unit: str) -> float:

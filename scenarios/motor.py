@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from cosim import SetupError
 from cosim.system import Value
-from cosim.units import in_unit, read_quantity
+from cosim.units import multiples, read_quantity
 
 INERTIA = "conveyor.rotor.J"
 FORM = '"5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"'
@@ -133,8 +133,9 @@ def _item(item: str, text: str) -> tuple[str, float]:
     if quantity and not quantity.unit:
         return "breakdown", quantity.number
     for name, unit in (NEEDED | MORE).items():
-        if unit and not math.isnan(value := in_unit(item, unit)):
-            return name, value
+        scale = multiples(unit).get(quantity.unit) if quantity and unit else None
+        if quantity and scale:
+            return name, quantity.number * scale
     raise SetupError(f"nameplate {text!r}: {item!r} cannot be read: write it as {FORM}")
 
 
