@@ -30,22 +30,16 @@ class QuestionError(RuntimeError):
 def names(home: Path | None) -> Mapping[str, str]:
     """Return the questions below a package's folder, by name, and their modules; none is imported.
 
-    A question is a file that defines a class which derives from `Question`.
+    A question is a file whose documentation begins with one.
     """
     modules: dict[str, str] = {}
     if home is None:
         return modules
     for path in sorted(home.rglob("*.py")):
-        body = ast.parse(path.read_text(encoding="utf-8")).body
-        if any(isinstance(node, ast.ClassDef) and is_question(node) for node in body):
-            inside = path.relative_to(home.parent).with_suffix("")
-            modules[path.stem] = ".".join(inside.parts)
+        module = ".".join(path.relative_to(home.parent).with_suffix("").parts)
+        if summary(home, module).endswith("?"):
+            modules[path.stem] = module
     return modules
-
-
-def is_question(node: ast.ClassDef) -> bool:
-    """Whether a class names `Question` among those that it derives from."""
-    return any(ast.unparse(base).rpartition(".")[2] == "Question" for base in node.bases)
 
 
 def summary(home: Path, module: str) -> str:

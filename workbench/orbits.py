@@ -298,6 +298,8 @@ class Orbit:
         The option that is about the mean rate [rad/s].
     worst : str
         A number.
+    angles : int
+        Even angles of a turn at which columns are read.
     """
 
     angle: str
@@ -305,6 +307,7 @@ class Orbit:
     states: Sequence[str]
     speed: str = "speed"
     worst: str = ""
+    angles: int = ORBIT_ANGLES
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -516,7 +519,7 @@ class _Batch:
             turns = steady_turns(
                 system, {name: x[some] for name, x in cases.items()}, method.states, method.angle,
                 speed[some], steps_per_rev=steps[some], record=self.columns, algorithm=asked[0].algorithm,
-                jobs=self.context.jobs,
+                angles=method.angles, jobs=self.context.jobs,
             )  # fmt: skip
             return tuple(vars(turns).values())
 

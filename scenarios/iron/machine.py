@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping
 from itertools import accumulate, pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import cosim
 from cosim import Result, SetupError, System
+from cosim.dense import Array
 from cosim.metrics import largest, time_of_largest
 from workbench import Figure
 from workbench.charts.model import Span
@@ -70,29 +71,39 @@ def phases(parameters: Mapping[str, Any]) -> list[Span]:
     return [Span(*end, *phase) for end, phase in zip(ends, PHASES.items())]
 
 
+class TwoTurns(NamedTuple):
+    """Turns at 1 and 2 rad/s, with their rows at the same angles within 1e-11 rad."""
+
+    slow: Result
+    fast: Result
+
+    def parts(self, column: str) -> tuple[Array, Array]:
+        """Return f_0 and f_2 of a column, which at a constant speed w is f_0 + f_2 w^2, shape (rows,) each."""
+        moving = (self.fast[column] - self.slow[column]) / 3.0
+        return self.slow[column] - moving, moving
+
+
+def two_turns(system: System, samples: int = 1440) -> TwoTurns:
+    """Run both turns."""
+    return TwoTurns(turn(system, 1.0, samples), turn(system, 2.0, samples))
+
+
 def limits(system: System) -> dict[str, Figure]:
     """The constant cam speed at which each force vanishes first, and the cam angle where; 0 for a
     force that is not there at rest.
 
-    At constant speed a force is f_0(phi) + f_2(phi) w^2, and two turns tell both: it vanishes where
-    -f_2 / f_0 is largest. It does somewhere, because accelerations have both signs in a turn.
-
-    Both turns have their rows at the same angles, within 1e-11 rad. Friction changes at the ends of
-    rise and return, where nothing accelerates: rows there are left out, lest one turn be on one side
-    and the other beyond.
+    A force f_0(phi) + f_2(phi) w^2 vanishes where -f_2 / f_0 is largest. It does somewhere, because accelerations have
+    both signs in a turn. Friction changes at the ends of rise and return, where nothing accelerates: rows there are left
+    out, lest one turn be on one side and the other beyond.
     """
-    slow, fast = (turn(system, w) for w in (1.0, 2.0))
-    phi = slow["iron.phi"]
-    spans = phases(slow.provenance["parts"]["iron"]["parameters"])
+    turns = two_turns(system)
+    phi = turns.slow["iron.phi"]
+    spans = phases(turns.slow.provenance["parts"]["iron"]["parameters"])
     clear = np.min([abs(phi - math.radians(x.last)) for x in spans], axis=0) > EDGE
     angle, all_figures = np.degrees(phi[clear]), {}
     for name, (force, event, _) in LETS_GO.items():
-        f_2 = (fast[force] - slow[force])[clear] / 3.0
-        f_0 = slow[force][clear] - f_2
-        limit, at = (
-            Figure(0.0, "rad/s", 0.0, f"cam speed where {event}"),
-            f"cam angle where {event}",
-        )
+        f_0, f_2 = (x[clear] for x in turns.parts(force))
+        limit = Figure(0.0, "rad/s", 0.0, f"cam speed where {event}")
         if f_0.min() > 0.0:
             ratio = -f_2 / f_0
             top = figure_of_columns(largest, angle, ratio, unit="s2/rad2")
@@ -103,8 +114,13 @@ def limits(system: System) -> dict[str, Figure]:
             limit = figure_of_figures(
                 lambda x: x**-0.5, top, unit=limit.unit, meaning=limit.meaning
             )
-            angle_of = figure_of_columns(time_of_largest, angle, ratio, unit="deg", meaning=at)
-            all_figures[f"{name}_limit_angle"] = angle_of
+            all_figures[f"{name}_limit_angle"] = figure_of_columns(
+                time_of_largest,
+                angle,
+                ratio,
+                unit="deg",
+                meaning=f"cam angle where {event} at that speed",
+            )
         all_figures[f"{name}_limit"] = limit
     return all_figures
 

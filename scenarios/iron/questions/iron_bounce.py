@@ -11,12 +11,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 import cosim
-from cosim import Result, System
+from cosim import System
 from workbench import (
     Chart,
     Context,
@@ -26,7 +25,6 @@ from workbench import (
     Mark,
     Number,
     Panel,
-    Question,
     Reader,
     RunChart,
     RunOptions,
@@ -39,11 +37,11 @@ from workbench import (
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.figure import scaled
 from workbench.judgement import Holds
-from workbench.live import REVOLUTION, Live, LiveMotion, drawn, moved
+from workbench.live import REVOLUTION, moved
 from workbench.method import Run, metric_of
 
 from .. import machine as iron
-from .. import motion
+from ..turn import Data, IronTurn
 
 TABLE = "iron_bounce.csv"
 AXES = {
@@ -62,11 +60,11 @@ def of_turn(kind: str, output: str) -> Reader:
     return Reader(kind, f"iron.{output}", REVOLUTION, angle="iron.phi")
 
 
-class IronBounce(Question):
-    """The speeds, the stiffness of the contact, and the rows of a turn."""
+class IronBounce(IronTurn):
+    """The speeds, the stiffness of the contact, and the turns."""
 
-    parts = {"iron": "IronDrive"}
     fixed_starts = (*iron.IMPOSED, "iron.follower.lifts", "iron.gap", "iron.w_gap")
+    window, angle = REVOLUTION, "iron.phi"
 
     speed: float = option("90rpm", "speed of the cam, for the figures", "rad/s", above=0.0)
     speeds: tuple[float, ...] = option("70:120rpm:11", "speeds of the sweep", "rad/s", above=0.0)
@@ -114,29 +112,18 @@ class IronBounce(Question):
         Slider("iron.spring.c", 0.0, 1200.0),
         Slider("iron.iron.m", 1.0, 10.0),
     )
-    start_values = {
-        "iron.tau": 0.0,
-        "iron.phi": 0.0,
-        "iron.w_cam": "speed",
-        "iron.reducer.J": iron.FLYWHEEL,
-        "iron.follower.lifts": 1,
-    }
-
-    def system(self, fmus: Mapping[str, Path]) -> System:
-        """Return the drive at constant speed, from phi = 0, with a follower that may lift off."""
-        return with_flight(System(fmus, start=self.start), self.speed)
+    start_values = {**IronTurn.start_values, "iron.follower.lifts": 1}
 
     def run_options(self) -> RunOptions:
         """Return those of the turns."""
-        period = 2 * math.pi / self.speed
-        return RunOptions(stop=self.turns * period, step=period / self.samples)
+        of_one = super().run_options()
+        return replace(of_one, stop=self.turns * of_one.stop)
 
-    def more_runs(self, context: Context, system: System) -> Sweep:
-        """Sweep the speed, and run two turns for the limit."""
-        plain = System(context.fmus, start=self.start)
-        run = partial(last_turn, plain, self.samples, self.turns)
+    def further_runs(self, context: Context, plain: System) -> Table:
+        """Sweep the speed."""
+        run = partial(last_turn, self, plain.parts)
         rows = context.each(run, self.speeds, "speeds", probes=True)
-        return Sweep(plain, context.record_rows(TABLE, UNITS, rows), iron.limits(plain))
+        return context.record_rows(TABLE, UNITS, rows)
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
         """Return what is refused where a turn is not like the one before, or landings are not told apart, and the limit.
@@ -162,7 +149,7 @@ class IronBounce(Question):
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the sweep."""
-        return {TABLE: r[1].table}
+        return {TABLE: r[1].more}
 
     def judgements(self, f: Mapping[str, Figure], r: object) -> list[Judgement]:
         """Whether the follower stays on its cam at the speed, and what it does if not."""
@@ -189,16 +176,14 @@ class IronBounce(Question):
 
     def show(self, f: Mapping[str, Figure], r: Data) -> Show:
         """A turn with its landings, the sweep, and the mechanism in motion."""
-        turn, table = self.turn(r), r[1].table
+        turn, table = self.turn(r), r[1].more
         phi = np.degrees(turn["iron.phi"]) - 360.0 * (self.turns - 1)
         hit = np.append(False, np.diff(turn["iron.landings"]) > 0)
-        chart = drawn(self.charts[0], turn, angle="iron.phi")
+        chart = self.chart(f, r)
         panels = list(chart.panels)
         if hit.any():
             blows = Curve("landing", phi[hit], turn["iron.S_landing"][hit], TORQUE, "points")
             panels.insert(2, Panel("impulse", "N.s", [blows], includes=(0.0,)))
-        spans = iron.phases(turn.provenance["parts"]["iron"]["parameters"])
-        title = f"A turn at {f['cycles'].text('cycles/min')}"
         frame, limit = table.frame, f["follower_limit"].value * iron.PER_MINUTE
         pace = frame["nu"].to_numpy() * iron.PER_MINUTE
         over = [
@@ -207,54 +192,23 @@ class IronBounce(Question):
         ]
         marks = [Mark(limit, "lifts off")] if pace[0] <= limit <= pace[-1] else []
         charts = [
-            chart._replace(title=title, panels=panels, spans=spans),
+            chart._replace(panels=panels),
             Chart("Flight and landings over the speed", "speed of the cam [1/min]", over, marks),
         ]
         return Show(charts, [moved(self.motion(f, r), turn)])
 
-    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
-        """The mechanism."""
-        return motion.live_motion(
-            "The mechanism in this turn", self.turn(r), r[1].system, 4.0, REVOLUTION
-        )
 
-    def turn(self, r: Data) -> Result:
-        """Return the last turn."""
-        return r[0].select(slice((self.turns - 1) * self.samples, None))
-
-    def live(self, f: Mapping[str, Figure], r: Data) -> Live:
-        """The last of the turns at the speed of the slider."""
-        warns = {} if "iron.on_invalid" in self.start else {"iron.on_invalid": 1}
-        return self.page(
-            f, r, start=self.start_values | warns, stop="turns * 2 * pi / speed", step="2 * pi / (speed * samples)",
-            angle="iron.phi",
-        )  # fmt: skip
-
-
-class Sweep(NamedTuple):
-    """What stands beside the turns: the drive as it is, the sweep, the speeds at which something lets go."""
-
-    system: System
-    table: Table
-    limits: Mapping[str, Figure]
-
-
-Data = tuple[Result, Sweep]
 UNITS = {
     "nu": "rad/s", "flight": "s", "landings": "1", "gap": "rad", "speed": "m/s", "impulse": "N.s",
     "loss": "J",
 }  # fmt: skip
 
 
-def with_flight(system: System, speed: float) -> System:
-    """Return the drive at a constant speed [rad/s], from phi = 0, with a follower that may lift off."""
-    turning = iron.imposed(system, speed)
-    return replace(turning, start={**turning.start, "iron.follower.lifts": True})
-
-
-def last_turn(system: System, samples: int, turns: int, speed: float) -> list[float]:
-    """Return a row of the sweep: the speed [rad/s], and what the last of these turns has."""
-    period = 2 * math.pi / speed
-    run = cosim.run(with_flight(system, speed), stop=turns * period, step=period / samples)
-    read = [x.value.metric({}) for x in IronBounce.numbers if isinstance(x.value, Reader)]
+def last_turn(o: IronBounce, fmus: Mapping[str, Path], speed: float) -> list[float]:
+    """Return a row of the sweep: the speed [rad/s], and what the last turn has at it."""
+    at = replace(o, speed=speed)
+    how, system = at.run_options(), at.system(fmus)
+    assert isinstance(system, System)
+    run = cosim.run(system, stop=how.stop, step=how.step)
+    read = [x.value.metric({}) for x in o.numbers if isinstance(x.value, Reader)]
     return [speed, *(metric_of(run, metric) for metric in read)]

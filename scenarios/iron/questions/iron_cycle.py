@@ -11,20 +11,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
-from typing import NamedTuple
 
-from cosim import Result, System
+from cosim import System
 from cosim.metrics import Integral, TimeOfLargest, TimeOfSmallest
 from workbench import (
     Context,
     Figure,
     Judgement,
     Number,
-    Question,
     Reader,
     RunChart,
-    RunOptions,
     RunPanel,
     Show,
     Slider,
@@ -34,10 +30,11 @@ from workbench import (
 from workbench.charts.model import FORCE, LIFT, SPEED, TORQUE
 from workbench.figure import figure_of_figures, scaled
 from workbench.judgement import Holds
-from workbench.live import Live, LiveMotion, drawn, moved
+from workbench.live import moved
 
 from .. import machine as iron
-from .. import motion, transfer
+from .. import transfer
+from ..turn import Data, IronTurn
 
 DIMENSIONS = "dimensions"
 FORCES = {
@@ -47,16 +44,11 @@ FORCES = {
 }
 
 
-class IronCycle(Question):
-    """The speed, the rows of a turn, and the machines to compare with."""
+class IronCycle(IronTurn):
+    """The machines to compare with."""
 
-    parts = {"iron": "IronDrive"}
-    fixed_starts = iron.IMPOSED
     is_sequential = False  # the runs of the comparison are many
-    start_values = {"iron.w_cam": "speed"}
 
-    speed: float = option(iron.NOMINAL, "speed of the cam", "rad/s", above=0.0)
-    samples: int = option(1440, "rows per turn", least=180)
     compare: str = option(
         "none",
         "also compare machines whose dimensions differ slightly",
@@ -101,21 +93,11 @@ class IronCycle(Question):
         Slider("iron.friction.K_up", 0.0, 0.3),
     )
 
-    def system(self, fmus: Mapping[str, Path]) -> System:
-        """Return the drive, whose cam turns at the speed."""
-        return iron.imposed(System(fmus, start=self.start), self.speed)
-
-    def run_options(self) -> RunOptions:
-        """Return those of a turn."""
-        period = 2 * math.pi / self.speed
-        return RunOptions(stop=period, step=period / self.samples)
-
-    def more_runs(self, context: Context, system: System) -> CycleAnalysis:
-        """Run two more turns for the limits, and those of other dimensions."""
-        is_compared = self.compare == DIMENSIONS
-        plain = System(context.fmus, start=self.start)
-        varied = transfer.transfer_functions(context, plain, self.samples) if is_compared else None
-        return CycleAnalysis(system, iron.limits(system), varied)
+    def further_runs(self, context: Context, plain: System) -> transfer.TransferFunctions | None:
+        """Run turns of drives with other dimensions."""
+        if self.compare != DIMENSIONS:
+            return None
+        return transfer.transfer_functions(context, plain, self.samples)
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
         """Return angles and work at the imposed speed, cycles per minute, limits, and the transfer functions."""
@@ -130,7 +112,7 @@ class IronCycle(Question):
             share = figure_of_figures(
                 lambda x: 100.0 * self.speed / x, limit, unit="%", meaning=meaning
             )
-        of_dimensions = r[1].transfer.figures() if r[1].transfer else {}
+        of_dimensions = r[1].more.figures() if r[1].more else {}
         read = {**f, **angles, "work": work}
         if self.speed > limit.value:
             read = {
@@ -147,7 +129,7 @@ class IronCycle(Question):
 
     def tables(self, f: Mapping[str, Figure], r: Data) -> dict[str, Table]:
         """Return the transfer functions and the shares of the dimensions."""
-        return r[1].transfer.tables() if r[1].transfer else {}
+        return r[1].more.tables() if r[1].more else {}
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """Whether the speed is safe, what the drive carries, and which dimensions matter."""
@@ -174,33 +156,10 @@ class IronCycle(Question):
         return [
             safe,
             *(Judgement(what, figure) for what, figure in carried.items()),
-            *(r[1].transfer.judgements(f) if r[1].transfer else []),
+            *(r[1].more.judgements(f) if r[1].more else []),
         ]
 
     def show(self, f: Mapping[str, Figure], r: Data) -> Show:
-        """Forces, torque and motion over the cam angle, its phases as spans; the mechanism in motion."""
-        result, turns = r
-        spans = iron.phases(result.provenance["parts"]["iron"]["parameters"])
-        title = f"One turn of the cam at {f['cycles'].brief('cycles/min')}"
-        chart = drawn(self.charts[0], result)._replace(title=title, spans=spans)
-        more = turns.transfer.charts() if turns.transfer else []
-        return Show([chart, *more], [moved(self.motion(f, r), result)])
-
-    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
-        """The mechanism."""
-        return motion.live_motion("One turn of the cam", r[0], r[1].system, 4.0)
-
-    def live(self, f: Mapping[str, Figure], r: Data) -> Live:
-        """One turn at the speed of the slider, from the angle 0, as `machine.imposed` has it."""
-        return self.page(f, r, stop="2 * pi / speed", step="2 * pi / (speed * samples)")
-
-
-class CycleAnalysis(NamedTuple):
-    """What stands beside the turn: the system, the speeds at which something lets go, the dimensions."""
-
-    system: System
-    limits: Mapping[str, Figure]
-    transfer: transfer.TransferFunctions | None
-
-
-Data = tuple[Result, CycleAnalysis]
+        """Forces, torque and motion over the cam angle; the mechanism in motion."""
+        more = r[1].more.charts() if r[1].more else []
+        return Show([self.chart(f, r), *more], [moved(self.motion(f, r), r[0])])

@@ -210,15 +210,11 @@ def ledger(r: Result) -> Result:
 
 
 def slow_torque(system: System) -> Figure:
-    """Return the largest torque that a slow turn takes at the cam.
-
-    Torques of turns at constant speed are f_0 + f_2 w^2, and two turns give f_0.
-    """
-    slow, fast = (iron.turn(system, w, SAMPLES) for w in (1.0, 2.0))
-    torque, unit = slow["iron.tau_cam"], slow.units["iron.tau_cam"]
-    still = torque - (fast["iron.tau_cam"] - torque) / 3
-    meaning = "largest torque at the cam in a slow turn"
-    return figure_of_columns(largest, slow["iron.phi"], still, unit=unit, meaning=meaning)
+    """Return the largest torque that a slow turn takes at the cam."""
+    turns = iron.two_turns(system, SAMPLES)
+    still, _ = turns.parts("iron.tau_cam")
+    unit, meaning = turns.slow.units["iron.tau_cam"], "largest torque at the cam in a slow turn"
+    return figure_of_columns(largest, turns.slow["iron.phi"], still, unit=unit, meaning=meaning)
 
 
 def still_rises(r: Result) -> bool:
