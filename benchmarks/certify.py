@@ -339,18 +339,9 @@ def uniform_sampler(seed: int) -> Callable[[float, float], float]:
     return lambda low, high: float(random.uniform(low, high)) if seed else (low + high) / 2
 
 
-def drawn_trials(kind: str, seeds: Sequence[int]) -> list[Trial]:
-    """Drawn systems of a kind, certified."""
-    return [_trial(kind, seed, kind) for seed in seeds]
-
-
-def swept_trials(seeds: Sequence[int]) -> list[Trial]:
-    """Members of certified sweeps, none of them the first one, of drawn systems of all kinds."""
-    return [_trial("swept", seed, KINDS[seed % len(KINDS)]) for seed in seeds]
-
-
-def _trial(name: str, seed: int, kind: str) -> Trial:
-    """What is stated of a drawn system."""
+def drawn_trial(name: str, seed: int) -> Trial:
+    """What is stated of a drawn system, of all kinds in turn where it is a member of a certified sweep."""
+    kind = KINDS[seed % len(KINDS)] if name == "swept" else name
     folder = Path(tempfile.gettempdir()) / "drawn_fmus"
     folder.mkdir(exist_ok=True)
     drawn, words = draw(*divmod(seed, 1000), folder, kind), ""
@@ -393,14 +384,13 @@ def _swept(drawn: Drawn) -> dict[str, Stated]:
     }
 
 
-def known_trials(kind: str, seeds: Sequence[int]) -> list[Trial]:
+def known_trials(kind: str, seed: int) -> list[Trial]:
     """Nonlinear and linear systems with known solutions, synthetic runs, or machines, with several steps each."""
     trials = []
-    for seed in seeds:
-        for name, case in _cases_of(kind, seed):
-            began = time.process_time()
-            figures = {x.name: x.stated for x in judged(name, case)}
-            trials.append(Trial(kind, seed, figures, time.process_time() - began, "", name))
+    for name, case in _cases_of(kind, seed):
+        began = time.process_time()
+        figures = {x.name: x.stated for x in judged(name, case)}
+        trials.append(Trial(kind, seed, figures, time.process_time() - began, "", name))
     return trials
 
 
@@ -419,15 +409,13 @@ def _cases_of(kind: str, seed: int) -> Iterator[tuple[str, Case]]:
             yield from nonlinear_cases(seed, Path(folder) / "Half.fmu")
 
 
+KNOWN = ("known solutions", "synthetic", "machines")
 STUDY = Study(
     __doc__ or "",
-    {kind: partial(drawn_trials, kind) for kind in KINDS}
-    | {"swept": swept_trials}
-    | {kind: partial(known_trials, kind) for kind in ("known solutions", "synthetic", "machines")},
+    {kind: partial(drawn_trial, kind) for kind in (*KINDS, "swept")}
+    | {kind: partial(known_trials, kind) for kind in KNOWN},
     number=1,
-    demands=dict.fromkeys(
-        (*KINDS, "swept", "known solutions", "synthetic", "machines"), Demand(within=0.995)
-    ),
+    demands=dict.fromkeys((*KINDS, "swept", *KNOWN), Demand(within=0.995)),
 )
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Do stated errors hold? Draw a case, ask, compare with the truth, and count.
 
-A *study* is a table of kinds. The function of a kind takes seeds and returns a `Trial` for each: what was stated of a
-drawn case, and what is true. `main` asks for them in child processes, shows each as soon as it is judged, keeps them
+A *study* is a table of kinds. The function of a kind takes a seed, or several if the study asks `at_once`, and returns the
+`Trial` of each: what was stated of a drawn case, and what is true. `main` asks for them in child processes, shows each as soon as it is judged, keeps them
 as lines of JSON with --out, where those already kept are not asked for again, and prints per kind and figure how many
 cases have the figure (exist), the share of the stated intervals that hold the truth (within), how many do not (missed)
 and of these how many by more than three half-widths (by 3) and how many with a word of it (told), the worst of error
@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from textwrap import shorten
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -93,7 +93,7 @@ class Study(NamedTuple):
     """Kinds with the function of each, how many of a kind are drawn, how many at once, and what is demanded of each."""
 
     about: str
-    kinds: Mapping[str, Callable[[Sequence[int]], list[Trial]]]
+    kinds: Mapping[str, Callable[[Any], Trial | list[Trial]]]
     number: int
     demands: Mapping[str, Demand]
     at_once: int = 1
@@ -180,14 +180,10 @@ def kept(path: Path | None) -> list[Trial]:
     ]
 
 
-def batched(seeds: Sequence[int], size: int) -> Iterator[Sequence[int]]:
-    """Blocks of at most so many seeds."""
-    yield from (seeds[first : first + size] for first in range(0, len(seeds), size))
-
-
-def _ask(task: tuple[Callable[[Sequence[int]], list[Trial]], Sequence[int]]) -> list[Trial]:
+def _ask(task: tuple[Callable[[Any], Trial | list[Trial]], Any]) -> list[Trial]:
     ask, seeds = task
-    return ask(seeds)
+    answer = ask(seeds)
+    return [answer] if isinstance(answer, Trial) else answer
 
 
 def main(study: Study) -> int:
@@ -208,11 +204,11 @@ def main(study: Study) -> int:
     wanted = {(kind, seed) for kind in options.kinds.split(",") for seed in seeds}
     trials = [trial for trial in kept(options.out) if (trial.kind, trial.seed) in wanted]
     present = {(trial.kind, trial.seed) for trial in trials}
-    tasks = [
-        (study.kinds[kind], block)
-        for kind in options.kinds.split(",")
-        for block in batched([x for x in seeds if (kind, x) not in present], study.at_once)
-    ]
+    tasks: list[tuple[Callable[[Any], Trial | list[Trial]], Any]] = []
+    for kind in options.kinds.split(","):
+        missing, size = [x for x in seeds if (kind, x) not in present], study.at_once
+        blocks = [missing[k : k + size] for k in range(0, len(missing), size)]
+        tasks += [(study.kinds[kind], block) for block in (missing if size == 1 else blocks)]
     try:
         with ProcessPoolExecutor(options.jobs) as pool:
             for some in pool.map(_ask, tasks):

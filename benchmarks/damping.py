@@ -15,14 +15,13 @@ import random
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pythonfmu import FmuBuilder
-from scipy.integrate import solve_ivp
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -31,6 +30,7 @@ from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import Diagnosis, SetupError, System, diagnose
 from tests.coupling_theory import Ideal, LinearPart, Scheme
 from tests.linear_systems import couple
+from tests.scenarios.orbit_oracle import Drive, orbit
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/micron_steps.md", "Which step does my system need?")
@@ -73,9 +73,8 @@ def linear_case(seed: int) -> Trial:
     system = couple(units, ROOT / "fmus" / "LinearSystem.fmu")
     z = Ideal(units).eigenvalues(Scheme(algorithm), h)
     steps = np.log(z[np.abs(z) > NO_MODE]) / h
-    return judged(
-        "linear", seed, lambda: diagnose(system, step=h, algorithm=algorithm), modes, steps
-    )
+    stated = partial(diagnose, system, step=h, algorithm=algorithm)
+    return judged("linear", seed, stated, modes, steps)
 
 
 def conveyor_case(seed: int) -> Trial:
@@ -85,54 +84,26 @@ def conveyor_case(seed: int) -> Trial:
     c, alpha = 10 ** draw.uniform(4.5, 5.5), draw.uniform(0.0, 1000.0)
     T, zeta = 10 ** draw.uniform(-2.0, -1.0), draw.uniform(0.05, 0.4)
     nu, algorithm = draw.uniform(20.0, 60.0), draw.choice(["jacobi", "gauss-seidel", "strang"])
-    B = J / (4.0 * zeta**2 * T)
-    count = draw.choice([64, 128, 256])
+    drive = Drive(B=J / (4.0 * zeta**2 * T), T=T, J=J, m=m, r=r, c=c, d=alpha)
     turn = 2 * math.pi / nu
-    load = alpha * r**2 / 2 * nu
-    start: dict[str, Any] = {
-        "motor.A": load + B * nu, "motor.B": B, "motor.T": T, "motor.tau": load,
-        "conveyor.rotor.J": J, "conveyor.crank.r": r, "conveyor.trough.m": m,
-        "conveyor.trough.d": alpha, "conveyor.spring.c": c, "conveyor.w": nu,
-    }  # fmt: skip
-    wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+    start = {
+        "motor.A": drive.slope * nu,
+        "motor.tau": (drive.slope - drive.B) * nu,
+        "conveyor.w": nu,
+    }
     parts = {"motor": NATIVE / "DriveMotor.fmu", "conveyor": NATIVE / "CrankConveyor.fmu"}
-    system = System(parts, wires, start)
-    settle = 30.0 * max(turn, 2 * T, J / B)
-
-    def rates(_: float, x: Any) -> Any:
-        phi, w, tau = x[:3]
-        slope, bend = r * np.cos(phi), -r * np.sin(phi)
-        torque = c * r * np.sin(phi) * slope + alpha * slope**2 * w + m * slope * bend * w**2
-        return [w, (tau - torque) / (J + m * slope**2), (load + B * (nu - w) - tau) / T]
-
-    orbit = solve_ivp(rates, (0.0, settle), [0.0, nu, load], rtol=1e-11, atol=1e-11).y[:, -1]
-
-    def after_half_turn(x: Any) -> Any:
-        def turned(_: float, y: Any) -> Any:
-            return y[0] - orbit[0] - math.pi
-
-        turned.terminal = True  # type: ignore[attr-defined]
-        run = solve_ivp(rates, (0.0, 2 * turn), x, events=turned, rtol=1e-12, atol=1e-12)
-        return np.append(run.y[1:, -1], run.t[-1])
-
-    delta = 1e-5
-    columns = []
-    for i in (1, 2):
-        size = np.zeros(3)
-        size[i] = delta * max(1.0, abs(orbit[i]))
-        columns.append(
-            (after_half_turn(orbit + size) - after_half_turn(orbit - size)) / 2 / size[i]
-        )
-    period = after_half_turn(orbit)[2]
-    mu = np.linalg.eigvals(np.array(columns).T[:2])
-    log = np.log(mu + 0j)
+    wires = ("motor.tau -> conveyor.tau", "conveyor.w -> motor.w")
+    system = System(parts, wires, {**drive.start, **start})
+    settings = {
+        "step": turn / draw.choice([64, 128, 256]), "algorithm": algorithm,
+        "settle": 30.0 * max(turn, 2 * T, J / drive.B),
+    }  # fmt: skip
+    # all repeats after half a revolution of such a machine
+    truth = orbit(drive, nu)
+    log = np.log(np.linalg.eigvals(truth.transition(2)) + 0j)
     sidebands = log.imag[:, None] + 2 * math.pi * np.arange(MAX_SIDEBAND)
-    modes = ((log.real[:, None] + 1j * sidebands) / period).ravel()
-
-    def stated() -> Diagnosis:
-        return diagnose(system, step=turn / count, algorithm=algorithm, settle=settle)
-
-    return judged("conveyor", seed, stated, modes, None)
+    modes = ((log.real[:, None] + 1j * sidebands) * truth.mean_speed / math.pi).ravel()
+    return judged("conveyor", seed, partial(diagnose, system, **settings), modes)
 
 
 @cache
@@ -156,14 +127,13 @@ def centre_case(seed: int) -> Trial:
     system = System(dict.fromkeys(parts, half()), wires, start)
     step, settle = 10 ** draw.uniform(-2.0, -0.7), draw.choice([0.0, draw.uniform(0.0, 20.0)])
     algorithm = draw.choice(["jacobi", "gauss-seidel", "strang"])
-
-    def stated() -> Diagnosis:
-        return diagnose(system, step=step, algorithm=algorithm, settle=settle)
-
-    return judged("centre", seed, stated, None, None)
+    settings = {"step": step, "algorithm": algorithm, "settle": settle}
+    return judged("centre", seed, partial(diagnose, system, **settings))
 
 
-def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, steps: Any) -> Trial:
+def judged(
+    kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any = None, steps: Any = None
+) -> Trial:
     """Compare what is stated with the mode next to it, and with that of the steps; `modes` is None without damping."""
     began = time.process_time()
     # of a damped system there is a truth, whatever is stated
@@ -191,15 +161,10 @@ def judged(kind: str, seed: int, stated: Callable[[], Diagnosis], modes: Any, st
     return Trial(kind, seed, figures, seconds)
 
 
-def cases(draw: Callable[[int], Trial], seeds: Sequence[int]) -> list[Trial]:
-    """A system for each seed."""
-    return [draw(seed) for seed in seeds]
-
-
 DRAWS = {"linear": linear_case, "centre": centre_case, "conveyor": conveyor_case}
 STUDY = Study(
     __doc__,
-    {kind: partial(cases, draw) for kind, draw in DRAWS.items()},
+    DRAWS,
     number=100,
     demands={"linear": Demand(), "centre": Demand(), "conveyor": Demand(refused=0.05)},
 )

@@ -9,21 +9,22 @@ an FMU states, set inputs to their declared start, and tell it no stop time.
 from __future__ import annotations
 
 import argparse
-import json
 import logging
-import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import fmpy
 import numpy as np
+import pandas as pd
 from fmpy.fmi2 import FMU2Slave
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
+from workbench.runs.worker import OK, CallWorker, Outcome
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/foreign.md", "Third-party FMUs")
@@ -37,12 +38,19 @@ MOST = 1000
 LEFT_OVER = 1e-9
 #: Least size that a difference is compared with. Chosen: near the smallest double, so that outputs of zero are compared.
 LEAST_SCALE = 1e-300
-Columns = dict[str, list[float]]
-Task = tuple[str, float, float, list[str]]
+
+
+class Task(NamedTuple):
+    """An FMU, its step and stop [s], and outputs."""
+
+    path: Path
+    step: float
+    stop: float
+    outputs: list[str]
 
 
 def experiment(path: Path) -> tuple[str, Task]:
-    """The tool of an FMU, and what is run of it: step, stop and outputs."""
+    """The tool of an FMU, and what is run of it."""
     description = fmpy.read_model_description(path, validate=False)
     if description.fmiVersion != "2.0" or description.coSimulation is None:
         raise ValueError(f"FMI {description.fmiVersion}, or no co-simulation")
@@ -52,23 +60,24 @@ def experiment(path: Path) -> tuple[str, Task]:
     outputs = [
         v.name for v in description.modelVariables if v.causality == "output" and v.type == "Real"
     ]
-    task = (str(path), step, min(1.0 if stop <= 0.0 else stop, MOST * step), outputs)
+    task = Task(path, step, min(1.0 if stop <= 0.0 else stop, MOST * step), outputs)
     return description.generationTool or "", task
 
 
-def by_master(task: Task) -> Columns:
-    path, step, stop, outputs = task
-    names = [f"fmu.{name}" for name in outputs]
-    result = run(System({"fmu": Path(path)}), stop=stop, step=step, record=names)
-    return {name.removeprefix("fmu."): result[name].tolist() for name in ("time", *names)}
+def by_master(task: Task) -> pd.DataFrame:
+    """The outputs at each communication point."""
+    logging.getLogger("cosim").setLevel(logging.ERROR)
+    names = [f"fmu.{name}" for name in task.outputs]
+    result = run(System({"fmu": task.path}), stop=task.stop, step=task.step, record=names)
+    return pd.DataFrame({name: result[f"fmu.{name}"] for name in task.outputs})
 
 
-def by_fmpy(task: Task) -> Columns:
-    path, step, stop, outputs = task
-    description = fmpy.read_model_description(path, validate=False)
+def by_fmpy(task: Task) -> pd.DataFrame:
+    """The same by FMPy."""
+    description = fmpy.read_model_description(task.path, validate=False)
     refs = {v.name: v.valueReference for v in description.modelVariables}
     with TemporaryDirectory() as folder:
-        fmpy.extract(path, folder)
+        fmpy.extract(task.path, folder)
         unit = FMU2Slave(
             guid=description.guid, unzipDirectory=folder, instanceName="fmu",
             modelIdentifier=description.coSimulation.modelIdentifier,
@@ -82,90 +91,57 @@ def by_fmpy(task: Task) -> Columns:
             if v.causality == "input" and v.type == "Real" and v.start is not None:
                 unit.setReal([v.valueReference], [float(v.start)])
         unit.exitInitializationMode()
-        samples = [unit.getReal([refs[name] for name in outputs])]
-        times = [0.0]
-        while times[-1] < stop - LEFT_OVER * step:
-            unit.doStep(times[-1], min(step, stop - times[-1]))
-            times.append(min(len(times) * step, stop))
-            samples.append(unit.getReal([refs[name] for name in outputs]))
+        rows, time = [unit.getReal([refs[name] for name in task.outputs])], 0.0
+        while time < task.stop - LEFT_OVER * task.step:
+            unit.doStep(time, min(task.step, task.stop - time))
+            time = min(len(rows) * task.step, task.stop)
+            rows.append(unit.getReal([refs[name] for name in task.outputs]))
         unit.terminate()
         unit.freeInstance()
-    return {"time": times, **{n: list(x) for n, x in zip(outputs, zip(*samples))}}
+    return pd.DataFrame(rows, columns=task.outputs)
 
 
-def isolated(method: str, task: Task) -> Columns | str:
-    """The columns that a method of METHODS computes in a separate process, or why it computes none."""
-    with TemporaryDirectory() as folder:
-        result_path = Path(folder) / "found.json"
-        command = [
-            sys.executable,
-            __file__,
-            str(result_path),
-            "--way",
-            method,
-            "--task",
-            json.dumps(task),
-        ]
-        try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, errors="replace",
-                timeout=PATIENCE, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return f"no answer after {PATIENCE:g} s"
-        if result_path.is_file():
-            columns: Columns = json.loads(result_path.read_text())
-            return columns
-        last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-        return last[0].replace(f"{folder}/", "")[:160]
-
-
-def largest_relative_difference(ours: Columns, theirs: Columns) -> float:
+def largest_relative_difference(ours: pd.DataFrame, theirs: pd.DataFrame) -> float:
     """The largest difference at the points that both have, over the largest value of its output."""
-    points = min(len(ours["time"]), len(theirs["time"]))
-    worst = 0.0
-    for name in set(ours) - {"time"}:
-        a, b = np.array(ours[name][:points]), np.array(theirs[name][:points])
-        scale = max(float(np.abs(a).max()), float(np.abs(b).max()), LEAST_SCALE)
-        worst = max(worst, float(np.nanmax(np.abs(a - b), initial=0.0)) / scale)
-    return worst
+    points = min(len(ours), len(theirs))
+    a, b = ours[:points].to_numpy(float), theirs[:points].to_numpy(float)
+    scale = np.maximum(np.maximum(np.abs(a).max(0), np.abs(b).max(0)), LEAST_SCALE)
+    return float(np.nanmax(np.abs(a - b) / scale, initial=0.0))
 
 
-METHODS = {"master": by_master, "FMPy": by_fmpy}
-
-
-def row(path: Path, folder: Path) -> list[str]:
+def row(worker: CallWorker, path: Path, folder: Path) -> list[str]:
     """What stands of an FMU in the table."""
     label = f"{path.relative_to(folder).parts[0]}: {path.name}"
     try:
         tool, task = experiment(path)
     except Exception as error:  # noqa: BLE001
         return [label, "", f"not tried: {str(error).splitlines()[0][:120]}"]
-    ours, theirs = isolated("master", task), isolated("FMPy", task)
-    if isinstance(ours, str):
-        peer = "refused too" if isinstance(theirs, str) else "runs"
-        return [label, tool, f"refused: {ours}; FMPy {peer}"]
-    if isinstance(theirs, str):
-        return [label, tool, f"runs; FMPy: {theirs}"]
-    worst = largest_relative_difference(ours, theirs)
-    return [label, tool, f"{worst:.1e}" if task[3] else "no output to compare"]
+    ours, theirs = (worker.do(method, task, PATIENCE) for method in (by_master, by_fmpy))
+    if ours.status != OK:
+        peer = "runs" if theirs.status == OK else "refused too"
+        return [label, tool, f"refused: {reason(ours)}; FMPy {peer}"]
+    if theirs.status != OK:
+        return [label, tool, f"runs; FMPy: {reason(theirs)}"]
+    worst = largest_relative_difference(ours.answer, theirs.answer)
+    return [label, tool, f"{worst:.1e}" if task.outputs else "no output to compare"]
+
+
+def reason(outcome: Outcome) -> str:
+    """Why there are no rows, in a line."""
+    return outcome.message.splitlines()[0][:160]
 
 
 def main() -> None:
+    """Compare all FMUs of a folder."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="of FMUs")
     parser.add_argument("--out", type=Path, help="write the table there")
-    parser.add_argument("--way", dest="method", choices=METHODS, help=argparse.SUPPRESS)
-    parser.add_argument("--task", type=json.loads, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.method:
-        options.folder.write_text(json.dumps(METHODS[options.method](options.task)))
-        return
-    logging.getLogger("cosim").setLevel(logging.ERROR)
-    table = []
+    table, worker = [], CallWorker()
     for path in sorted(options.folder.rglob("*.fmu")):
-        table.append(row(path, options.folder))
+        table.append(row(worker, path, options.folder))
         print(" | ".join(table[-1]), flush=True)
+    worker.close()
     if options.out is not None:
         head = ["| FMU | Tool | Deviation from FMPy |", "|---|---|---|"]
         lines = [f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |" for cells in table]
@@ -173,4 +149,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    from benchmarks.foreign import main  # under a name that child processes find
+
     main()

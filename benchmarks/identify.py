@@ -304,7 +304,7 @@ def fit_record(record: Record, data: Mapping[str, Series], rng: np.random.Genera
     )  # fmt: skip
 
 
-def trial(kind: str, seed: int, lacking: str = "") -> Trial:
+def trial(kind: str, seed: int, *, lacking: str = "") -> Trial:
     """One machine, recorded and identified."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     record = draw(kind, rng)
@@ -327,15 +327,10 @@ def trial(kind: str, seed: int, lacking: str = "") -> Trial:
     return Trial(name, seed, {"resonance": resonance}, seconds, "; ".join(fit.misfit))
 
 
-def trials(kind: str, lacking: str, seeds: Sequence[int]) -> list[Trial]:
-    """A machine for each seed."""
-    return [trial(kind, seed, lacking) for seed in seeds]
-
-
 STUDY = Study(
     __doc__,
-    {kind: partial(trials, kind, "") for kind in KINDS}
-    | {f"lacks {name}": partial(trials, "droop", name) for name in LACKING},
+    {kind: partial(trial, kind) for kind in KINDS}
+    | {f"lacks {name}": partial(trial, "droop", lacking=name) for name in LACKING},
     number=50,
     # 95 % intervals: of 50, 44 hold the truth with a probability of 98.8 %
     demands={kind: Demand(within=0.88) for kind in KINDS}

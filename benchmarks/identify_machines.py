@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -100,14 +99,9 @@ def trial(name: str, seed: int) -> Trial:
     return Trial(name, seed, figures, seconds, result.verdict)
 
 
-def trials(name: str, seeds: Sequence[int]) -> list[Trial]:
-    """A machine for each seed."""
-    return [trial(name, seed) for seed in seeds]
-
-
 STUDY = Study(
     __doc__,
-    {name: partial(trials, name) for name in KINDS},
+    {name: partial(trial, name) for name in KINDS},
     number=30,
     demands={name: Demand(within=0.9) for name in KINDS},  # 95 % intervals of some figures each
 )

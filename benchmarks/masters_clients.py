@@ -13,7 +13,7 @@ import io
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
 from types import SimpleNamespace
 from typing import Any
@@ -142,60 +142,71 @@ def cofmupy(task: Task, method: str) -> Answer:
     return [[float(t), *map(float, row)] for t, *row in zip(results["time"], *columns)], seconds
 
 
-def ecos(task: Task) -> Answer:
-    """Ecos with its fixed-step algorithm: Jacobi."""
+def ecos_simulation(
+    parts: Mapping[str, str], wires: Sequence[Sequence[str]], step: float, start: Mapping[str, Any]
+) -> Any:
+    """A simulation of Ecos, with start values by name."""
     # which its wheel needs and does not load
     tbb = next(f.locate() for f in metadata.files("tbb") or () if f.name == "libtbb.so.12")
     ctypes.CDLL(str(tbb), ctypes.RTLD_GLOBAL)
     from ecospy import EcosSimulation, EcosSimulationStructure
 
-    with EcosSimulationStructure() as structure:
-        for name, fmu in task["parts"].items():
-            structure.add_model(name, fmu)
-        for source, target in task["wires"]:
-            structure.make_real_connection("::".join(split(source)), "::".join(split(target)))
-        values = {"::".join(split(name)): x for name, x in task["start"].items()}
-        structure.add_parameter_set("start", values)
-        with EcosSimulation(task["step"], structure=structure) as simulation:
-            if not simulation.init(parameter_set="start"):
-                sys.exit("Ecos: initialisation failed")
-            ports = ["::".join(split(name)) for name in task["record"]]
-            rows = [[0.0, *map(simulation.get_real, ports)]]
-            began = time.process_time()
-            for _ in range(task["steps"]):
-                at = simulation.step()
-                rows.append([at, *map(simulation.get_real, ports)])
-            return rows, time.process_time() - began
+    structure = EcosSimulationStructure()
+    for name, fmu in parts.items():
+        structure.add_model(name, fmu)
+    for source, target in wires:
+        structure.make_real_connection("::".join(split(source)), "::".join(split(target)))
+    values = {"::".join(split(name)): x for name, x in start.items()}
+    structure.add_parameter_set("start", values)
+    return EcosSimulation(step, structure=structure)
+
+
+def ecos(task: Task) -> Answer:
+    """Ecos with its fixed-step algorithm: Jacobi."""
+    with ecos_simulation(task["parts"], task["wires"], task["step"], task["start"]) as simulation:
+        if not simulation.init(parameter_set="start"):
+            sys.exit("Ecos: initialisation failed")
+        ports = ["::".join(split(name)) for name in task["record"]]
+        rows = [[0.0, *map(simulation.get_real, ports)]]
+        began = time.process_time()
+        for _ in range(task["steps"]):
+            at = simulation.step()
+            rows.append([at, *map(simulation.get_real, ports)])
+        return rows, time.process_time() - began
+
+
+def libcosim_execution(
+    parts: Mapping[str, str], wires: Sequence[Sequence[str]], step: float
+) -> tuple[Any, dict[str, tuple[int, int]]]:
+    """An execution of libcosim, and slave and reference of each variable."""
+    from libcosimpy.CosimExecution import CosimExecution
+    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
+    from libcosimpy.CosimSlave import CosimLocalSlave
+
+    log_output_level(CosimLogLevel.ERROR)
+    # libcosim counts nanoseconds
+    execution, ports = CosimExecution.from_step_size(round(step * 1e9)), {}
+    for name, fmu in parts.items():
+        slave = execution.add_local_slave(CosimLocalSlave(fmu, name))
+        for variable in execution.slave_variables(slave):
+            ports[f"{name}.{variable.name.decode()}"] = slave, variable.reference
+    for source, target in wires:
+        execution.connect_real_variables(*ports[source], *ports[target])
+    return execution, ports
 
 
 def libcosim(task: Task) -> Answer:
     """Run libcosim with its fixed-step algorithm: Jacobi."""
-    from libcosimpy.CosimExecution import CosimExecution
-    from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
     from libcosimpy.CosimObserver import CosimObserver
-    from libcosimpy.CosimSlave import CosimLocalSlave
 
-    log_output_level(CosimLogLevel.ERROR)
-    #: libcosim counts nanoseconds
-    execution = CosimExecution.from_step_size(round(task["step"] * 1e9))
-    slaves, references = {}, {}
-    for name, fmu in task["parts"].items():
-        slaves[name] = execution.add_local_slave(CosimLocalSlave(fmu, name))
-        for variable in execution.slave_variables(slaves[name]):
-            references[f"{name}.{variable.name.decode()}"] = variable.reference
-
-    def port(name: str) -> tuple[int, int]:
-        return slaves[split(name)[0]], references[name]
-
+    execution, ports = libcosim_execution(task["parts"], task["wires"], task["step"])
     for name, value in task["start"].items():
         kind = {bool: "boolean", int: "integer", float: "real"}[type(value)]
-        if not getattr(execution, f"{kind}_initial_value")(*port(name), value):
+        if not getattr(execution, f"{kind}_initial_value")(*ports[name], value):
             sys.exit(f"libcosim: {name} is not set")
-    for source, target in task["wires"]:
-        execution.connect_real_variables(*port(source), *port(target))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer)
-    ends = [port(name) for name in task["record"]]
+    ends = [ports[name] for name in task["record"]]
     rows = []
     began = time.process_time()
     for n in range(task["steps"]):

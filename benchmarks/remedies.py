@@ -155,12 +155,7 @@ def orientator(seed: int) -> Trial:
     )
 
 
-def each(one: Callable[[int], Trial], seeds: Sequence[int]) -> list[Trial]:
-    """Return the trial of each seed."""
-    return [one(seed) for seed in seeds]
-
-
-KINDS = {x.__name__: partial(each, x) for x in (drive, iron, orientator)}
+KINDS: dict[str, Callable[[int], Trial]] = {x.__name__: x for x in (drive, iron, orientator)}
 STUDY = Study(__doc__, KINDS, number=10, demands={kind: Demand(within=0.99) for kind in KINDS})
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ in C, in wall time, which needs two idle cores.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import importlib
 import platform
 import resource
@@ -25,10 +24,15 @@ from statistics import median
 from typing import Any, NamedTuple
 from zipfile import ZipFile
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks import masters_clients
+from fmukit.fmu.native.package import OPTIONS
+
 #: The page that this backs, and its heading.
 CLAIM = ("docs/speed.md", "What a communication step costs")
 
-ROOT = Path(__file__).resolve().parents[1]
 #: Step of the pair of motor and conveyor [s]. Chosen: that of the FMUs' default experiment.
 H = 1e-3
 #: Step of the runs of an ensemble [s]. Chosen: the resonance's angle step at 512 steps per turn.
@@ -54,117 +58,83 @@ Work = Callable[[], object]
 
 
 class Line(NamedTuple):
-    """What a line says, what makes its work in a checkout, and how many of what it says the work holds."""
+    """What a line says, what makes its work in a checkout, how many of what it says the work holds, and arguments."""
 
     words: str
-    make: Callable[[Path], Work]
+    make: Callable[..., Work]
     count: int = 1
+    arguments: tuple[Any, ...] = ()
 
 
 def pairs(fmus: Path, number: int = 1) -> Any:
     """So many motors and conveyors, wired two by two."""
     from cosim import System
 
-    parts: dict[str, Path] = {}
-    wires: list[str] = []
-    for k in [""] if number == 1 else range(number):
-        parts |= {f"{part}{k}": fmus / f"{name}.fmu" for part, name in PARTS.items()}
-        wires += [f"{a}{k}.{x} -> {b}{k}.{y}" for a, x, b, y in WIRES]
-    return System(parts, wires)
+    marks = [""] if number == 1 else [str(k) for k in range(number)]
+    parts = {f"{part}{k}": fmus / f"{name}.fmu" for k in marks for part, name in PARTS.items()}
+    return System(parts, [f"{a}{k}.{x} -> {b}{k}.{y}" for k in marks for a, x, b, y in WIRES])
 
 
-def steps_of_the_master(flavour: str, steps: int, number: int = 1) -> Callable[[Path], Work]:
+def wired(root: Path, flavour: str) -> tuple[dict[str, str], list[tuple[str, str]]]:
+    """The parts and the wires of one pair, as other masters take them."""
+    parts = {part: str(root / "fmus" / flavour / f"{name}.fmu") for part, name in PARTS.items()}
+    return parts, [(f"{a}.{x}", f"{b}.{y}") for a, x, b, y in WIRES]
+
+
+def steps_of_the_master(root: Path, flavour: str, steps: int, number: int = 1) -> Work:
     """Jacobi with hardly a row."""
+    from cosim import run
 
-    def make(root: Path) -> Work:
-        from cosim import run
-
-        system = pairs(root / "fmus" / flavour, number)
-        settings: dict[str, Any] = {"step": H, "algorithm": "jacobi", "output_step": H * STEPS}
-        first = [f"{x}.tau" for x in system.parts][:1]
-        return lambda: run(system, stop=steps * H, record=first, **settings)
-
-    return make
+    system = pairs(root / "fmus" / flavour, number)
+    settings: dict[str, Any] = {"step": H, "algorithm": "jacobi", "output_step": H * STEPS}
+    first = [f"{x}.tau" for x in system.parts][:1]
+    return lambda: run(system, stop=steps * H, record=first, **settings)
 
 
-def fmpy_methods(flavour: str, steps: int) -> Callable[[Path], Work]:
+def fmpy_methods(root: Path, flavour: str, steps: int) -> Work:
     """Jacobi as FMPy's examples do it."""
+    from fmpy import extract, read_model_description
+    from fmpy.fmi2 import FMU2Slave
 
-    def make(root: Path) -> Work:
-        from fmpy import extract, read_model_description
-        from fmpy.fmi2 import FMU2Slave
+    slaves, references = {}, {}
+    for part, name in PARTS.items():
+        path = str(root / "fmus" / flavour / f"{name}.fmu")
+        description = read_model_description(path)
+        slaves[part] = slave = FMU2Slave(
+            guid=description.guid, unzipDirectory=extract(path, tempfile.mkdtemp()),
+            modelIdentifier=description.coSimulation.modelIdentifier, instanceName=part,
+        )  # fmt: skip
+        references |= {(part, v.name): v.valueReference for v in description.modelVariables}
+        slave.instantiate()
+        slave.setupExperiment(startTime=0.0)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
 
-        slaves, references = {}, {}
-        for part, name in PARTS.items():
-            path = str(root / "fmus" / flavour / f"{name}.fmu")
-            description = read_model_description(path)
-            slaves[part] = slave = FMU2Slave(
-                guid=description.guid, unzipDirectory=extract(path, tempfile.mkdtemp()),
-                modelIdentifier=description.coSimulation.modelIdentifier, instanceName=part,
-            )  # fmt: skip
-            references |= {(part, v.name): v.valueReference for v in description.modelVariables}
-            slave.instantiate()
-            slave.setupExperiment(startTime=0.0)
-            slave.enterInitializationMode()
-            slave.exitInitializationMode()
+    numbers = count()
 
-        numbers = count()
+    def loop() -> None:
+        for n in islice(numbers, steps):
+            values = [slaves[a].getReal([references[a, x]]) for a, x, *_ in WIRES]
+            for value, (*_, b, y) in zip(values, WIRES):
+                slaves[b].setReal([references[b, y]], value)
+            for slave in slaves.values():
+                slave.doStep(n * H, H)
 
-        def loop() -> None:
-            for n in islice(numbers, steps):
-                values = [slaves[a].getReal([references[a, x]]) for a, x, *_ in WIRES]
-                for value, (*_, b, y) in zip(values, WIRES):
-                    slaves[b].setReal([references[b, y]], value)
-                for slave in slaves.values():
-                    slave.doStep(n * H, H)
-
-        return loop
-
-    return make
+    return loop
 
 
-def libcosim(flavour: str, steps: int) -> Callable[[Path], Work]:
+def libcosim(root: Path, flavour: str, steps: int) -> Work:
     """The fixed-step algorithm of libcosim."""
-
-    def make(root: Path) -> Work:
-        from libcosimpy.CosimExecution import CosimExecution
-        from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
-        from libcosimpy.CosimSlave import CosimLocalSlave
-
-        log_output_level(CosimLogLevel.ERROR)
-        execution = CosimExecution.from_step_size(round(H * 1e9))
-        slaves, references = {}, {}
-        for part, name in PARTS.items():
-            path = str(root / "fmus" / flavour / f"{name}.fmu")
-            slaves[part] = execution.add_local_slave(CosimLocalSlave(path, part))
-            for variable in execution.slave_variables(slaves[part]):
-                references[part, variable.name.decode()] = variable.reference
-        for a, x, b, y in WIRES:
-            ends = slaves[a], references[a, x], slaves[b], references[b, y]
-            execution.connect_real_variables(*ends)
-        done = iter(range(steps, 10**12, steps))
-        return lambda: execution.simulate_until(round(next(done) * H * 1e9))
-
-    return make
+    execution, _ = masters_clients.libcosim_execution(*wired(root, flavour), H)
+    done = iter(range(steps, 10**12, steps))
+    return lambda: execution.simulate_until(round(next(done) * H * 1e9))
 
 
-def ecos(flavour: str, steps: int) -> Callable[[Path], Work]:
+def ecos(root: Path, flavour: str, steps: int) -> Work:
     """Ecos' fixed-step algorithm."""
-
-    def make(root: Path) -> Work:
-        ctypes.CDLL(sys.prefix + "/lib/libtbb.so.12", ctypes.RTLD_GLOBAL)
-        from ecospy import EcosSimulation, EcosSimulationStructure
-
-        structure = EcosSimulationStructure()
-        for part, name in PARTS.items():
-            structure.add_model(part, str(root / "fmus" / flavour / f"{name}.fmu"))
-        for a, x, b, y in WIRES:
-            structure.make_real_connection(f"{a}::{x}", f"{b}::{y}")
-        simulation = EcosSimulation(H, structure=structure)
-        simulation.init()
-        return lambda: simulation.step(steps)
-
-    return make
+    simulation = masters_clients.ecos_simulation(*wired(root, flavour), H, {})
+    simulation.init()
+    return lambda: simulation.step(steps)
 
 
 def dop853(_: Path) -> Work:
@@ -223,74 +193,60 @@ def bare_slaves(root: Path) -> Work:
     return loop
 
 
-def by_hand(*, portable: bool) -> Callable[[Path], Work]:
-    """The drive as one program in C, with as many evaluations as the FMUs need; compiled for this processor, or as
-    portable as FMUs are: there every operation is rounded, so that flavours and processors agree.
-    """
-
-    def make(_: Path) -> Work:
-        command = [str(compiled(portable=portable)), str(10 * LONGER), "1"]
-        return lambda: subprocess.run(command, check=True, capture_output=True)
-
-    return make
+def by_hand(_: Path, options: Sequence[str]) -> Work:
+    """The drive as one program in C, with as many evaluations as the FMUs need."""
+    command = [str(compiled(options)), str(10 * LONGER), "1"]
+    return lambda: subprocess.run(command, check=True, capture_output=True)
 
 
-def compiled(*, portable: bool) -> Path:
-    """The program of limit.c."""
-    from fmukit.fmu.native.package import OPTIONS
-
+def compiled(options: Sequence[str] = ()) -> Path:
+    """The program of limit.c; for this processor where no options say more."""
     program = Path(tempfile.mkdtemp()) / "limit"
-    target = ["-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS]
-    options = [*(target if portable else ["-O2"]), "-o", program, ROOT / "benchmarks" / "limit.c"]
-    subprocess.run([sys.executable, "-m", "ziglang", "cc", *map(str, options), "-lm"], check=True)
+    words = [*(options or ["-O2"]), "-o", str(program), str(ROOT / "benchmarks" / "limit.c"), "-lm"]
+    subprocess.run([sys.executable, "-m", "ziglang", "cc", *words], check=True)
     return program
 
 
-def members(steps: int, every: int, number: int) -> Callable[[Path], Work]:
+def members(root: Path, steps: int, every: int, number: int) -> Work:
     """Members of an ensemble of runs, with a row at every so many steps."""
-
-    def make(root: Path) -> Work:
-        from cosim import Prepared, RunSettings
-
-        system = pairs(root / "fmus" / "native")
-        settings = RunSettings(steps * FINE, FINE, output_step=every * FINE, record=COLUMNS)
-        cases = {"motor.A": [7000.0 + k / number for k in range(number)]}
-
-        def work() -> None:
-            with Prepared.open(system, settings) as prepared:
-                for block in prepared.blocks(cases):
-                    assert not len(block.failed)
-
-        return work
-
-    return make
-
-
-def single_run(root: Path) -> Work:
-    """A run with all rows."""
-    from cosim import run
+    from cosim import Prepared, RunSettings
 
     system = pairs(root / "fmus" / "native")
-    return lambda: run(system, stop=STEPS * FINE, step=FINE, record=COLUMNS)
+    settings = RunSettings(steps * FINE, FINE, output_step=every * FINE, record=COLUMNS)
+    cases = {"motor.A": [7000.0 + k / number for k in range(number)]}
+
+    def work() -> None:
+        with Prepared.open(system, settings) as prepared:
+            for block in prepared.blocks(cases):
+                assert not len(block.failed)
+
+    return work
 
 
-def prepared_runs(number: int) -> Callable[[Path], Work]:
+def single_run(
+    root: Path, stop: float, step: float | None, output_step: float | None = None
+) -> Work:
+    """A run, by a tolerance where there is no step; with all rows where nothing else is said."""
+    from cosim import Adaptive, run
+
+    system = pairs(root / "fmus" / "native")
+    settings: dict[str, Any] = {"step": step or Adaptive(1e-6), "output_step": output_step}
+    return lambda: run(system, stop=stop, record=COLUMNS, **settings)
+
+
+def prepared_runs(root: Path, number: int) -> Work:
     """So many runs of what is prepared once."""
+    from cosim import Prepared, RunSettings
 
-    def make(root: Path) -> Work:
-        from cosim import Prepared, RunSettings
+    system = pairs(root / "fmus" / "native")
+    settings = RunSettings(STEPS * FINE, FINE, record=COLUMNS)
 
-        system = pairs(root / "fmus" / "native")
-        settings = RunSettings(STEPS * FINE, FINE, record=COLUMNS)
+    def work() -> None:
+        with Prepared.open(system, settings) as prepared:
+            for _ in range(number):
+                prepared.run()
 
-        def work() -> None:
-            with Prepared.open(system, settings) as prepared:
-                for _ in range(number):
-                    prepared.run()
-
-        return work
-
-    return make
+    return work
 
 
 def sweep_runs(root: Path) -> Work:
@@ -304,45 +260,21 @@ def sweep_runs(root: Path) -> Work:
     return lambda: sweep(system, cases, {"torque": Largest("motor.tau")}, **settings)
 
 
-def adaptive_run(root: Path) -> Work:
-    """A run whose steps follow a tolerance."""
-    from cosim import Adaptive, run
-
-    system = pairs(root / "fmus" / "native")
-    return lambda: run(system, stop=0.3, step=Adaptive(1e-6), record=COLUMNS)
-
-
-def rows_between_steps(root: Path) -> Work:
-    """A long run of fine steps with few rows."""
-    from cosim import run
-
-    system = pairs(root / "fmus" / "native")
-    return lambda: run(system, stop=LONGER * 1e-5, step=1e-5, output_step=1e-3, record=COLUMNS)
-
-
-def certified(rows: int, step: float = FINE) -> Callable[[Path], Work]:
+def certified(root: Path, rows: int, step: float = FINE) -> Work:
     """A certified run whose finest has so many rows."""
+    from cosim import certify
 
-    def make(root: Path) -> Work:
-        from cosim import certify
-
-        system = pairs(root / "fmus" / "native")
-        stop = rows * step / 4.0
-        settings = {"stop": stop, "step": step, "output_step": max(step, stop / STEPS)}
-        return lambda: certify(system, record=COLUMNS, **settings)
-
-    return make
+    system = pairs(root / "fmus" / "native")
+    stop = rows * step / 4.0
+    settings = {"stop": stop, "step": step, "output_step": max(step, stop / STEPS)}
+    return lambda: certify(system, record=COLUMNS, **settings)
 
 
-def ask_question(name: str) -> Callable[[Path], Work]:
+def ask_question(_: Path, name: str) -> Work:
     """A question of the scenarios, again in a process."""
+    from scenarios import ask
 
-    def make(_: Path) -> Work:
-        from scenarios import ask
-
-        return lambda: ask(name, jobs=1)
-
-    return make
+    return lambda: ask(name, jobs=1)
 
 
 def run_study(_: Path) -> Work:
@@ -358,95 +290,81 @@ def run_study(_: Path) -> Work:
     return work
 
 
-def connect_ring(number: int) -> Callable[[Path], Work]:
+def connect_ring(root: Path, number: int) -> Work:
     """Describe and connect so many parts in a ring, with up to four wires from each to the next."""
+    from cosim import System, describe
+    from cosim.system import connect
 
-    def make(root: Path) -> Work:
-        from cosim import System, describe
-        from cosim.system import connect
-
-        parts = {f"line.p{k}": root / "fmus" / "LinearSystem.fmu" for k in range(number)}
-        outputs = [(k, i) for k in range(number) for i in range(1, 5)]
-        wired = outputs[: 10 * number // 3]
-        wires = [f"line.p{k}.y[{i}] -> line.p{(k + 1) % number}.u[{i}]" for k, i in wired]
-        start = {f"line.p{(k + 1) % number}.u[{i}]": 0.0 for k, i in outputs[len(wired) :]}
-        system = System(parts, wires, start)
-        return lambda: list(describe.info(connect(system)))
-
-    return make
+    parts = {f"line.p{k}": root / "fmus" / "LinearSystem.fmu" for k in range(number)}
+    outputs = [(k, i) for k in range(number) for i in range(1, 5)]
+    wired = outputs[: 10 * number // 3]
+    wires = [f"line.p{k}.y[{i}] -> line.p{(k + 1) % number}.u[{i}]" for k, i in wired]
+    start = {f"line.p{(k + 1) % number}.u[{i}]": 0.0 for k, i in outputs[len(wired) :]}
+    system = System(parts, wires, start)
+    return lambda: list(describe.info(connect(system)))
 
 
-def connect_wide(number: int) -> Callable[[Path], Work]:
+def connect_wide(root: Path, number: int) -> Work:
     """Describe and connect a motor with so many variables more."""
+    from cosim import System, describe
+    from cosim.system import connect
 
-    def make(root: Path) -> Work:
-        from cosim import System, describe
-        from cosim.system import connect
-
-        with ZipFile(root / "fmus" / "native" / "DriveMotor.fmu") as archive:
-            files = {name: archive.read(name) for name in archive.namelist()}
-        line = '<ScalarVariable name="v[{0}]" valueReference="1{0:06}" causality="local"><Real/></ScalarVariable>'
-        text = files["modelDescription.xml"].decode()
-        lines = "".join(line.format(k) for k in range(number))
-        files["modelDescription.xml"] = text.replace(
-            "</ModelVariables>", f"{lines}</ModelVariables>"
-        ).encode()
-        wide = Path(tempfile.mkdtemp()) / "wide.fmu"
-        with ZipFile(wide, "w") as archive:
-            for name, content in files.items():
-                archive.writestr(name, content)
-        return lambda: list(describe.info(connect(System({"m": wide}, start={"m.w": 1.0}))))
-
-    return make
+    with ZipFile(root / "fmus" / "native" / "DriveMotor.fmu") as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    line = '<ScalarVariable name="v[{0}]" valueReference="1{0:06}" causality="local"><Real/></ScalarVariable>'
+    text = files["modelDescription.xml"].decode()
+    lines = "".join(line.format(k) for k in range(number))
+    files["modelDescription.xml"] = text.replace(
+        "</ModelVariables>", f"{lines}</ModelVariables>"
+    ).encode()
+    wide = Path(tempfile.mkdtemp()) / "wide.fmu"
+    with ZipFile(wide, "w") as archive:
+        for name, content in files.items():
+            archive.writestr(name, content)
+    return lambda: list(describe.info(connect(System({"m": wide}, start={"m.w": 1.0}))))
 
 
 PYTHON, NATIVE = ".", "native"
+#: What makes the program as portable as FMUs are, where every operation is rounded, so that flavours and processors agree.
+PORTABLE = ("-target", f"{platform.machine()}-linux-gnu.2.17", *OPTIONS)
 LINES = (
-    Line("a step, Python FMUs, FMPy's methods", fmpy_methods(PYTHON, LONG), LONG),
-    Line("a step, Python FMUs, this master", steps_of_the_master(PYTHON, LONG), LONG),
-    Line("a step, Python FMUs, libcosim", libcosim(PYTHON, LONG), LONG),
-    Line("a step, Python FMUs, Ecos", ecos(PYTHON, LONG), LONG),
-    Line("a step, Python FMUs, their slaves without FMI", bare_slaves, LONG),
-    Line("a step, native FMUs, FMPy's methods", fmpy_methods(NATIVE, LONG), LONG),
-    Line("a step, native FMUs, this master", steps_of_the_master(NATIVE, LONGER), LONGER),
-    Line("a step, native FMUs, libcosim", libcosim(NATIVE, LONG), LONG),
-    Line("a step, native FMUs, Ecos", ecos(NATIVE, LONG), LONG),
-    Line("a step, one system by DOP853", dop853, LONG),
-    Line("a step, one program in C", by_hand(portable=False), 10 * LONGER),
-    Line(
-        "a step, the program compiled as FMUs are",
-        by_hand(portable=True),
-        10 * LONGER,
-    ),
     *(
-        line
-        for n in (1, 5, 25, 100, 500)
-        for line in (
-            Line(f"set-up, of {2 * n} parts each", steps_of_the_master(NATIVE, 1, n), 2 * n),
-            Line(
-                f"a step, of {2 * n} parts each",
-                steps_of_the_master(NATIVE, LONGER // n, n),
-                2 * n * (LONGER // n),
-            ),
+        Line(f"a step, {title} FMUs, {words}", make, steps, (flavour, steps))
+        for title, flavour, ours in (("Python", PYTHON, LONG), ("native", NATIVE, LONGER))
+        for words, make, steps in (
+            ("FMPy's methods", fmpy_methods, LONG), ("this master", steps_of_the_master, ours),
+            ("libcosim", libcosim, LONG), ("Ecos", ecos, LONG),
         )
     ),
-    Line("describe and connect 3 000 parts, 10 000 wires", connect_ring(3000)),
-    Line("describe and connect 100 000 variables", connect_wide(100_000)),
-    Line("a member of one step", members(1, 1, 10 * MEMBERS), 10 * MEMBERS),
-    Line(f"a member of {STEPS} steps, all rows", members(STEPS, 1, MEMBERS), MEMBERS),
-    Line(f"a member of {STEPS} steps, two rows", members(STEPS, STEPS, MEMBERS), MEMBERS),
-    Line("a member of 10 steps, of 100 000", members(10, 1, 100_000), 100_000),
-    Line(f"a single run of {STEPS} steps", single_run),
-    Line(f"a run of {STEPS} steps, prepared", prepared_runs(100), 100),
-    Line("an adaptive run", adaptive_run),
-    Line("a run of 1e6 steps, rows between them", rows_between_steps),
+    Line("a step, Python FMUs, their slaves without FMI", bare_slaves, LONG),
+    Line("a step, one system by DOP853", dop853, LONG),
+    Line("a step, one program in C", by_hand, 10 * LONGER, ((),)),
+    Line("a step, the program compiled as FMUs are", by_hand, 10 * LONGER, (PORTABLE,)),
+    *(
+        Line(f"{words}, of {2 * n} parts each", steps_of_the_master, 2 * n * steps, (NATIVE, steps, n))
+        for n in (1, 5, 25, 100, 500)
+        for words, steps in (("set-up", 1), ("a step", LONGER // n))
+    ),
+    Line("describe and connect 3 000 parts, 10 000 wires", connect_ring, 1, (3000,)),
+    Line("describe and connect 100 000 variables", connect_wide, 1, (100_000,)),
+    *(
+        Line(f"a member of {words}", members, number, (steps, every, number))
+        for words, steps, every, number in (
+            ("one step", 1, 1, 10 * MEMBERS), (f"{STEPS} steps, all rows", STEPS, 1, MEMBERS),
+            (f"{STEPS} steps, two rows", STEPS, STEPS, MEMBERS), ("10 steps, of 100 000", 10, 1, 100_000),
+        )
+    ),
+    Line(f"a single run of {STEPS} steps", single_run, 1, (STEPS * FINE, FINE)),
+    Line(f"a run of {STEPS} steps, prepared", prepared_runs, 100, (100,)),
+    Line("an adaptive run", single_run, 1, (0.3, None)),
+    Line("a run of 1e6 steps, rows between them", single_run, 1, (LONGER * 1e-5, 1e-5, 1e-3)),
     Line("a run of a sweep, with its largest torque", sweep_runs, MEMBERS),
-    Line(f"certify, {STEPS} steps in the finest run", certified(STEPS)),
-    Line("certify, 2 000 000 steps in the finest run", certified(2_000_000)),
-    Line("`resonance`, again in a process", ask_question("resonance")),
-    Line("`resonance_map`, again in a process", ask_question("resonance_map")),
+    Line(f"certify, {STEPS} steps in the finest run", certified, 1, (STEPS,)),
+    Line("certify, 2 000 000 steps in the finest run", certified, 1, (2_000_000,)),
+    Line("`resonance`, again in a process", ask_question, 1, ("resonance",)),
+    Line("`resonance_map`, again in a process", ask_question, 1, ("resonance_map",)),
     Line("a run of a study of `resonance`, start-up included", run_study, 4),
-)
+)  # fmt: skip
 
 
 def seconds() -> float:
@@ -459,7 +377,7 @@ def measure_here(number: int, root: Path, rounds: int) -> None:
     """Print the seconds for one of what a line says, and the most memory [MB]."""
     sys.path[:0] = [str(root)]
     line = LINES[number]
-    work = line.make(root)
+    work = line.make(root, *line.arguments)
     work()
     times = []
     for _ in range(rounds):
@@ -501,7 +419,7 @@ def compare_threads(rounds: int) -> None:
         work()
         return time.perf_counter() - began
 
-    program = compiled(portable=False)
+    program = compiled()
 
     def programs(number: int) -> None:
         command = [str(program), str(5 * LONGER), "1"]

@@ -262,7 +262,7 @@ def test_intervals_hold_the_truth_of_random_machines(kind: str) -> None:
 @pytest.mark.parametrize("error", ["drift", "saturation"])
 def test_what_the_model_lacks_is_named_where_it_moves_the_resonance(error: str) -> None:
     for seed in (1000, 1001):
-        lacking = trial("droop", seed, error)
+        lacking = trial("droop", seed, lacking=error)
         ratio = lacking.figures["resonance"].error_ratio()
         assert ratio is not None
         assert lacking.words or ratio < 1.0

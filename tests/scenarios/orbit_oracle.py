@@ -187,6 +187,10 @@ class Orbit:
     @cached_property
     def multipliers(self) -> NDArray[np.complex128]:
         """Factors by which deviations (w, M) from the orbit change within a revolution."""
+        return np.linalg.eigvals(self.transition())
+
+    def transition(self, parts: int = 1) -> Samples:
+        """The matrix by which deviations (w, M) change from angle 0 on, in a revolution or in one of 2^k parts of it."""
         drive, n = self.drive, max(1024, 4 * (len(self.v) - 1))
         phi = angles(n)
         _, dx, ddx, _ = drive.trough(phi)
@@ -200,10 +204,10 @@ class Orbit:
                 [-(drive.B / drive.T + dM) / w, -1 / (drive.T * w)],
             ]
         )
-        steps = exponentials(np.moveaxis(rates, -1, 0) * phi[1])
+        steps = exponentials(np.moveaxis(rates, -1, 0) * phi[1])[: n // parts]
         while len(steps) > 1:
             steps = steps[1::2] @ steps[::2]
-        return np.linalg.eigvals(steps[0])
+        return np.asarray(steps[0])
 
     @property
     def stable(self) -> bool:
