@@ -285,19 +285,3 @@ def roots_between(function: Callable[[Any], Any], grid: Array) -> list[float]:
         return float(brentq(lambda x: float(function(x)), low, high, xtol=xtol))
 
     return [root(*grid[k : k + 2].tolist()) for k in changes.tolist()]
-
-
-def bisect_flag(is_true: Callable[[float], bool], low: float, high: float, width: float) -> float:
-    """Return the largest x, within a width, up to which a flag is true, by bisection.
-
-    Parameters
-    ----------
-    is_true : callable
-        True at `low`, false at `high`.
-    low, high, width : float
-        Ends of the bracket, and how narrow it becomes.
-    """
-    while high - low > width:
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if is_true(middle) else (low, middle)
-    return low

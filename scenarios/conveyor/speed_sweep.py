@@ -347,9 +347,3 @@ def end_of(part: SpeedSweep, side: int) -> Found:
     if math.isnan(fold[0]):
         return Found(math.inf if side else -math.inf, Figure.undetermined("rad/s", "?"), rises)
     return Found(sum(fold) / 2.0, Figure.undetermined("rad/s", FOLD.format(*fold)), rises)
-
-
-def no_orbit(problem: str, nu: float) -> str:
-    """Return why there is no orbit at a nominal speed, in a sentence."""
-    what = "the motor stalls" if problem == STALLED else "no steady orbit is found"
-    return f"{what} at {nu:g} rad/s"

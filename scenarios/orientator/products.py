@@ -13,7 +13,6 @@ import numpy as np
 import cosim
 from cosim import Result, System
 from workbench import Figure
-from workbench.roots import bisect_flag
 
 from . import machine as orientator
 from .limit_formula import OrientatorParameters, rpm_of_squared
@@ -132,7 +131,9 @@ def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Product]:
             return products
         low, high = series.oriented[-1].n, series.jam.n
         first = max(0.0, 2 * low - high)
-        low = bisect_flag(works, low, high, BRACKET)
+        while high - low > BRACKET:
+            middle = (low + high) / 2.0
+            low, high = (middle, high) if works(middle) else (low, middle)
         tried = np.linspace(first, low, CHECKS + 2)[1:-1].tolist()
         products += [simulate(machine, mu, n) for n in tried]
 

@@ -41,6 +41,7 @@ from workbench import (
 from workbench.charts import model as colors
 from workbench.charts.model import Span
 from workbench.figure import figure_of_figures, listed, scaled
+from workbench.find import Found
 from workbench.live import Live
 from workbench.options import check_fixed_starts
 from workbench.orbits import STEP_MULTIPLES
@@ -65,7 +66,6 @@ from ..machine import (
 from ..options import NameplateOptions, RippleOptions, by_set, speeds_of
 from ..orbit import OPERATING, Drive
 from ..papers import cited
-from ..ripple_limit import RippleLimit
 from ..speed_sweep import (
     LARGEST_PEAKED_ZETA,
     PHASE_UNDEFINED,
@@ -214,7 +214,7 @@ class Resonance(Question, NameplateOptions, RippleOptions):
                 note=resonance_side_and_distance(f["nu_90_away"]),
             ),
             *two_motions(r),
-            *([] if r.classical else r.limit.judgements()),
+            *([] if r.classical else [where_above(r, self.torque_ripple_limit)]),
             *(classical.judgements(r.classical) if r.classical else []),
             *([Judgement("the sweep leaves out", note=listed(left))] if left else []),
             *stalls(r),
@@ -269,14 +269,16 @@ class SweepPlan(NamedTuple):
 
 @dataclass(frozen=True)
 class ResonanceData:
-    """The drive, its machine, the sweep, the operating speed [rad/s] with its row, the limit, and the classical calculation."""
+    """The drive, its machine, the sweep, the operating speed [rad/s] with its row, between which speeds the torque ripple is
+    above its limit, if that is known, and the classical calculation.
+    """
 
     drive: Drive
     base: Machine
     sweep: SpeedSweep
     speed: float
     operating: SpeedSweep
-    limit: RippleLimit
+    avoid: Sequence[tuple[float, float]]
     classical: classical.ClassicalComparison | None = None
 
     @property
@@ -324,8 +326,8 @@ def findings(drive: Drive, plan: SweepPlan, every: SpeedSweep, features: Feature
     """Return what a machine gives: its orbits at every speed, and its features, each with its place and its height."""
     o, speed = plan.question, plan.speed
     sweep, operating = every.at(plan.speeds), every.at([speed])
-    limit = RippleLimit(o.torque_ripple_limit, sweep, features.passed)
-    r = ResonanceData(drive, plan.machine, sweep, speed, operating, limit)
+    avoid = stretches_above(sweep, o.torque_ripple_limit, features.passed)
+    r = ResonanceData(drive, plan.machine, sweep, speed, operating, avoid)
     tables = {TABLE: sweep.table}
     if sweep.branches:
         tables[MOTIONS] = sweep.several
@@ -339,7 +341,7 @@ def findings(drive: Drive, plan: SweepPlan, every: SpeedSweep, features: Feature
         **operating_figures(r), "nu_90_away": figure_of_figures(
             lambda x: x - speed, features.lag, unit="rad/s", meaning="distance of the 90 deg lag from the operating speed"
         ),
-        "f_rod_peak": sweep.force_figure(), **limit.figures(),
+        "f_rod_peak": sweep.force_figure(), **ends_of_stretches(features.passed),
         **(r.classical.figures if r.classical else {}),
     }  # fmt: skip
     mains = kloss(plan.machine) if o.supply == MAINS else {}
@@ -427,6 +429,36 @@ def operating_figures(r: ResonanceData) -> dict[str, Figure]:
         "lag_operating": lag,
         "w_operating": mean,
     }
+
+
+def stretches_above(
+    sweep: SpeedSweep, limit: float, passed: Sequence[Found]
+) -> list[tuple[float, float]]:
+    """Return between which speeds [rad/s] the torque ripple is above its limit; none where an end is not known."""
+    ripple, error = (sweep.columns[x] for x in ("tau2", "tau2_error"))
+    if any(x.place.error is None for x in passed):
+        return []
+    ends = [x.place.value for x in passed]
+    if not passed[0].rises if passed else (ripple - error > limit).all():
+        ends.insert(0, sweep.speeds[0])
+    return list(zip(ends[::2], [*ends[1::2], sweep.speeds[-1]]))
+
+
+def ends_of_stretches(passed: Sequence[Found]) -> dict[str, Figure]:
+    """Return where the torque ripple passes its limit, by number from the second stretch on."""
+    figures = {}
+    for k, x in enumerate(passed, 1 if passed and not passed[0].rises else 0):
+        number = f"_{k // 2 + 1}" if k > 1 else ""
+        figures[f"avoid_{'from' if x.rises else 'to'}{number}"] = x.place
+    return figures
+
+
+def where_above(r: ResonanceData, limit: float) -> Judgement:
+    """Return between which speeds the torque ripple is above its limit."""
+    known = r.sweep.columns["tau2"] + r.sweep.columns["tau2_error"]
+    nowhere = "at no speed of the sweep" if (known <= limit).all() else "not determined"
+    texts = [f"from {a:.4g} to {b:.4g} rad/s" for a, b in r.avoid]
+    return Judgement("torque ripple above its limit", note=listed(texts) or nowhere)
 
 
 def resonance_side_and_distance(gap: Figure) -> str:
@@ -538,7 +570,7 @@ def ripple(o: Resonance, f: Mapping[str, Figure], r: ResonanceData) -> Chart:
         [Mark(machine.nu_res, f"formula {machine.nu_res:.2f} rad/s"),
          *(Mark.of(text, figure) for text, figure in located.items()),
          Mark(r.speed, f"operating speed {r.speed:g} rad/s")],
-        [Span(*band, "avoid", "red") for band in r.limit.stretches if r.limit.is_certain],
+        [Span(*band, "avoid", "red") for band in r.avoid],
         classical.RPM,
     )  # fmt: skip
 

@@ -56,15 +56,13 @@ from ..rod_waveform import (
     springs_around,
     waveform,
 )
-from ..speed_sweep import LAG, LARGEST_PEAKED_ZETA, SpeedSweep, locate, no_orbit
+from ..speed_sweep import LAG, LARGEST_PEAKED_ZETA, SpeedSweep, locate
 
 Real = NDArray[np.float64]
 TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
 COLUMNS = {
     "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
-#: Figures at the operating speed.
-TURNING = ("f_rod", "tau2")
 #: Fewest speeds and springs of a map, as many as a cubic needs.
 FEWEST = 4
 #: Rod force over the smallest one up to which the present spring is kept; a convention.
@@ -203,7 +201,7 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
     span = np.linspace(r.speeds[0], r.speeds[-1], 1000)
     located = locate(r.drive.context, [SpeedSweep(x) for x in r.sweeps.values()])
     for (name, machine), features in zip(r.machines.items(), located):
-        label, at = f"with the {SPRINGS[name][0]}", r.operating[name]
+        label, at = f"with the {SPRINGS[name][0]}", SpeedSweep(r.operating[name])
         more = (spring.error or 0.0) if name else 0.0
         shifted = replace(machine, c=machine.c + more)
         formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted))
@@ -213,20 +211,15 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
         )
         _, height = features.peaks["tau2"]
         of_machine = {
-            "f_rod": (at.figure("f_rod_peak", 0), machine.r * (shifted.c - machine.c), "largest rod force"),
+            "f_rod": (at.figure("f_rod_peak", 0, ""), machine.r * (shifted.c - machine.c), "largest rod force"),
             "f_rod_formula": (Figure(formula, "N", 0.0), abs(other - formula), "that by formula (17)"),
-            "tau2": (at.figure("tau2", 0), ripple, "torque ripple"),
+            "tau2": (at.figure("tau2", 0, ""), ripple, "torque ripple"),
             "nu_90": (features.lag, 0.0, LAG),
             "tau2_peak": (height, top, "largest torque ripple"),
         }  # fmt: skip
         for key, (figure, more, what) in of_machine.items():
             error = None if figure.error is None else figure.error + more
-            reason = (
-                no_orbit(at.problems[0], nu) if at.problems[0] and key in TURNING else figure.reason
-            )
-            all_figures[f"{key}{name}"] = figure._replace(
-                error=error, meaning=f"{what} {label}", reason=reason
-            )
+            all_figures[f"{key}{name}"] = figure._replace(error=error, meaning=f"{what} {label}")
     located_names = ("nu_90", "tau2_peak")
     return dict(sorted(all_figures.items(), key=lambda x: x[0].startswith(located_names)))
 
