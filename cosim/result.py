@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from .dense import Curves
 from .errors import RunError, SetupError
+from .json_values import without_infinities
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
 from .table_file import TableFile, facts_path, read_file
 
@@ -366,6 +367,6 @@ def table_facts(columns: Sequence[Column], breaks: Rows) -> dict[str, Any]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write readable JSON."""
+    """Write readable JSON, in which numbers that are infinite or nan are null."""
     with open_unlinked(path, "wb") as file:
-        file.write(f"{json.dumps(content, indent=2)}\n".encode())
+        file.write(f"{json.dumps(without_infinities(content), indent=2)}\n".encode())

@@ -253,8 +253,7 @@ def _figures_of_run(
     for name, x in numbers.items():
         if isinstance(x, Metric):
             unit = x.unit(result.units.get(x.columns[0], "")) or "1"
-            value = float(x(*map(result.solution, x.columns))[0])
-            figures: Mapping[str, Figure] = {name: Figure.measured(value, unit)}
+            figures: Mapping[str, Figure] = {name: Figure.measured(metric_of(result, x), unit)}
         else:
             figures = x(result)
         for key, y in figures.items():
@@ -262,6 +261,11 @@ def _figures_of_run(
                 yield key, Figure.undetermined(y.unit, "the run does not have it", y.meaning)
             else:
                 yield key, y._replace(error=0.0) if y.awaits_error else y
+
+
+def metric_of(result: Result, metric: Metric) -> float:
+    """Return a metric of one run."""
+    return float(metric(*map(result.solution, metric.columns))[0])
 
 
 def _with_warnings(function: Callable[[Task], Outcome], task: Task) -> tuple[Outcome, list[str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from base64 import b64encode
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from cosim.journal import differences
+from cosim.json_values import without_infinities
 from cosim.result import partial, write_json
 
 from .answer import Answer
@@ -71,7 +71,7 @@ def write(answer: Answer, folder: Path, *, animate: bool = False) -> list[str]:
                 file.writelines(table.csv())
             partial(folder / name).unlink(missing_ok=True)
         with replacement(folder / f"{answer.scenario}.json") as fresh:
-            write_json(fresh, finite(content(answer)))
+            write_json(fresh, content(answer))
         for name, save in answer.files.items():
             with replacement(folder / name) as fresh:
                 save(fresh)
@@ -114,21 +114,12 @@ def content(answer: Answer) -> dict[str, Any]:
     }
 
 
-def finite(value: Any) -> Any:
-    """Return data for JSON, in which None stands for numbers that are infinite or nan."""
-    if isinstance(value, Mapping):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def replacement_notice(answer: Answer, folder: Path) -> str:
     """Say in a sentence which answer to other values a folder has, and in what they differ; "" without one."""
     path = folder / f"{answer.scenario}.json"
     try:
         before, after = (_asked_values(json.loads(text)) for text in (
-            path.read_text(encoding="utf-8"), json.dumps(finite(content(answer)))))  # fmt: skip
+            path.read_text(encoding="utf-8"), json.dumps(without_infinities(content(answer)))))  # fmt: skip
         written = datetime.fromtimestamp(path.stat().st_mtime)
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return ""

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cosim import SetupError
+from cosim.json_values import without_infinities
 from cosim.rounding import LEAST_POWER, has_digit, unit_suffix, with_error
 
 if TYPE_CHECKING:
@@ -28,6 +29,10 @@ SHARE_DIGITS = 3
 ON_THE_WAY = sorted({k / 16 for k in range(1, 17)} | {1.0 - 0.5**k for k in range(5, 21)})
 #: Largest change there, over that at the ends; a convention, so that the rounding of a small change is no peak.
 MOST_BETWEEN = 1.01
+#: Why a number that follows from others is not determined.
+UNSURE = (
+    "it has no value, or changes more than at their ends, within the errors of what it follows from"
+)
 #: What stands under the figures of a question that does not say itself what its errors are.
 ERROR_SCOPE = (
     "The error is numerical only: coupling, steps and rows. Tolerances of the parameters and the model's own "
@@ -129,10 +134,7 @@ class Figure(NamedTuple):
 
     def json(self) -> dict[str, Any]:
         """The figure for JSON, which has neither infinity nor nan."""
-        value = self.value if math.isfinite(self.value) else None
-        error = self.error if self.error is not None and math.isfinite(self.error) else None
-        record = {"value": value, "unit": self.unit, "error": error}
-        return record | {"meaning": self.meaning, "reason": self.reason}
+        return without_infinities(self._asdict())  # type: ignore[return-value]
 
 
 class NamedFigures(dict[str, Figure]):
@@ -170,30 +172,42 @@ def figure_of_columns(
 def figure_of_figures(
     function: Callable[..., Any], *figures: Figure, unit: str, meaning: str = ""
 ) -> Figure:
-    """Return the number that a function of arrays makes of figures; its error is the largest change that theirs make.
-
-    Each goes to either end of its error alone, and all go to every corner together. The number is not determined where
-    the function has no value on the way there, or changes more than at the ends: at a pole, or around a peak.
-    """
-    import numpy as np
-
+    """Return the number that a function of arrays makes of figures, with the error of `value_of_values`."""
     refused = next((x for x in figures if x.error is None), None)
     if refused:
         return Figure.undetermined(unit, refused.reason, meaning)
-    signs = [(-1.0, 1.0) if x.error else (0.0,) for x in figures]
-    one = np.eye(len(figures))
+    values, errors = zip(*((x.value, x.error) for x in figures)) if figures else ((), ())
+    value, error = map(float, value_of_values(function, values, errors))
+    if math.isnan(value):
+        return Figure.undetermined(unit, UNSURE, meaning)
+    return Figure(value, unit, error, meaning)
+
+
+def value_of_values(
+    function: Callable[..., Any], values: Sequence[Any], errors: Sequence[Any]
+) -> tuple[Array, Array]:
+    """Return what a function of arrays makes of values, and the error: the largest change that their errors make.
+
+    Each goes to either end of its error alone, and all go to every corner together. Both are nan where
+    the function has no value on the way there, or changes more than at the ends: at a pole, or around a peak.
+    The values and errors have one shape, or none.
+    """
+    import numpy as np
+
+    signs = [(-1.0, 1.0) if np.any(error) else (0.0,) for error in errors]
+    one = np.eye(len(values))
     ways = np.concatenate([one, -one, np.array([*product(*signs)])])
     shifts = np.multiply.outer([0.0, *ON_THE_WAY], ways)
+    shape = np.broadcast_shapes(*map(np.shape, values))
+    shifts = shifts.reshape(*shifts.shape, *(1 for _ in shape))
     with np.errstate(all="ignore"):
-        at = (x.value + (x.error or 0.0) * shifts[..., k] for k, x in enumerate(figures))
-        y = np.broadcast_to(function(*at), shifts.shape[:2])
-        changes = abs(y - y[0])
-    value, error, why = float(y[0, 0]), float(changes.max()), ""
-    if not math.isfinite(error):
-        why = "it has no value within the errors of what it follows from"
-    elif error > MOST_BETWEEN * changes[-1].max() + ROUNDING * abs(value):
-        why = "it changes more between the ends of the errors of what it follows from than at them"
-    return Figure.undetermined(unit, why, meaning) if why else Figure(value, unit, error, meaning)
+        at = [x + error * shifts[:, :, k] for k, (x, error) in enumerate(zip(values, errors))]
+        y = np.broadcast_to(function(*at), (*shifts.shape[:2], *shape))
+        value, changes = y[0, 0], np.abs(y - y[0])
+        error = changes.max((0, 1))
+        is_peak = error > MOST_BETWEEN * changes[-1].max(0) + ROUNDING * np.abs(value)
+    is_unsure = (is_peak | ~np.isfinite(error)) & np.isfinite(sum(errors, np.zeros(shape)))
+    return np.where(is_unsure, np.nan, value), np.where(is_unsure, np.nan, error)
 
 
 def scaled(figure: Figure, factor: float, unit: str, meaning: str) -> Figure:

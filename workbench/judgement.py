@@ -10,6 +10,7 @@ from numbers import Real
 from typing import Any
 
 from cosim import SetupError
+from cosim.json_values import without_infinities
 from cosim.rounding import rounded, unit_suffix
 
 from .figure import MOST_DIGITS, Figure
@@ -172,18 +173,16 @@ class Judgement:
     def json(self) -> dict[str, Any]:
         """The judgement for JSON."""
         ends = {"least": self.least, "most": self.most}
-        values = {
-            name: None if math.isinf(x.value) or math.isnan(x.value) else x.value
-            for name, x in ((name, bounded(x, self.figure)) for name, x in ends.items())
-        }
+        values = {name: bounded(x, self.figure).value for name, x in ends.items()}
         figure = self.figure.json() if self.figure else {}
         record: dict[str, Any] = {"claim": self.what, "answer": self.answer and str(self.answer)}
         record |= {name: figure.get(name) for name in ("value", "unit", "error")} | values
-        return record | {
+        record |= {
             "reason": self.why_open if self.answer is Holds.OPEN else "",
             "also": [x.json() for x in self.also],
             "text": self.text(),
         }
+        return without_infinities(record)  # type: ignore[return-value]
 
 
 def _with_also(judgement: Judgement) -> Iterator[Judgement]:

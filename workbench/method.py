@@ -18,7 +18,7 @@ from cosim.metrics import Metric
 from cosim.system import connect
 
 from .answer import Findings, Table, parameters
-from .context import captured_log_warnings
+from .context import captured_log_warnings, metric_of
 from .dimensions import check_unit, conversion, known_units
 from .figure import ROUNDING, Figure, NamedFigures, checked_figures, figure_of_figures, scaled
 from .formula import DOTTED, Formula, with_formulas
@@ -79,11 +79,6 @@ def refined(
         unit = metric.unit(runs[0].units[metric.columns[0]])
         figures[name] = Figure(value, unit or "1", error)
     return runs[0], figures
-
-
-def metric_of(result: Result, metric: Metric) -> float:
-    """Return a metric of one run."""
-    return float(metric(*map(result.solution, metric.columns))[0])
 
 
 def answer(o: Any, context: Context) -> Findings:

@@ -25,7 +25,7 @@ from cosim.system import connect
 from .answer import Findings, Table, parameters
 from .branches import BEYOND, Branch, first_of_same, follow_branches
 from .context import Context
-from .figure import Figure
+from .figure import UNSURE, Figure, value_of_values
 from .formula import Formula
 from .live import Number, Reader
 from .method import as_declared
@@ -139,7 +139,7 @@ def figure_of(found: Limit, k: Any, unit: str, meaning: str, why: str = "") -> F
 def orbit_figure(value: float, error: float, unit: str, meaning: str, why: str) -> Figure:
     """Return a figure of an orbit, refused where the error is not known; `why` says why there is no orbit."""
     if math.isnan(error):
-        reason = why if math.isnan(value) else NO_COUPLING_ERROR
+        reason = (why or UNSURE) if math.isnan(value) else NO_COUPLING_ERROR
         return Figure.undetermined(unit, reason, meaning)
     return Figure(float(value), unit, float(error), meaning)
 
@@ -665,25 +665,23 @@ class _Reading:
         return value, error, steps
 
     def following(self, x: Number, columns: Columns) -> FigureColumn:
-        """Return the number of a formula of others, whose error is the sum of the largest changes that theirs make."""
+        """Return the number of a formula of others."""
         formula = Formula.read(x.value)
         others = {
             f"figures.{name}": columns[name]
             for name in columns
             if f"figures.{name}" in formula.names
         }
-        at = {**self.values(), **{name: y.value for name, y in others.items()}}
-        value = formula.over(at)
-        error: Any = sum(
-            np.maximum(
-                *(
-                    np.abs(formula.over({**at, name: y.value + e}) - value)
-                    for e in (y.error, -y.error)
-                )
-            )
-            for name, y in others.items()
+        at = self.values()
+
+        def of_others(*values: Any) -> Array:
+            return formula.over({**at, **dict(zip(others, values))})
+
+        columns_of = others.values()
+        value, error = value_of_values(
+            of_others, [y.value for y in columns_of], [y.error for y in columns_of]
         )
-        steps = formula.over({**at, **{name: y.steps for name, y in others.items()}})
+        steps = of_others(*(y.steps for y in columns_of))
         return FigureColumn(value, error, x.unit or "1", x.meaning, steps)
 
 

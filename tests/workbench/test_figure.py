@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from workbench.export import finite
+from cosim.json_values import without_infinities
 from workbench.figure import Figure, checked_figures, figure_of_figures, scaled
 
 
@@ -48,7 +48,7 @@ def test_a_figure_whose_error_has_no_bound_is_undetermined_and_json_has_no_infin
     for figure in (*figures.values(), Figure(math.inf, "N", math.inf)):
         assert json.loads(json.dumps(figure.json(), allow_nan=False))["error"] is None
     facts = {"a": (1.0, math.nan, {"b": [math.inf, 2, True, "x"]})}
-    assert finite(facts) == {"a": [1.0, None, {"b": [None, 2, True, "x"]}]}
+    assert without_infinities(facts) == {"a": [1.0, None, {"b": [None, 2, True, "x"]}]}
 
 
 @pytest.mark.parametrize(("factor", "error"), [(-60.0, 12.0), (1e-3, 2e-4)])

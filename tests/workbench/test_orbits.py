@@ -43,3 +43,19 @@ def test_a_reader_that_a_turn_does_not_have_is_named(tmp_path: Path) -> None:
     last = TURN.replace('Reader("max", "link.f_pin", REVOLUTION)', 'Reader("last", "link.f_pin")')
     with pytest.raises(SetupError, match="of a turn it must be max, min, mean, amplitude or phase"):
         answer_of(tmp_path, last)
+
+
+def test_a_number_whose_pole_lies_within_the_error_of_another_is_not_determined(
+    tmp_path: Path,
+) -> None:
+    """Of two equal numbers with errors nobody knows the difference, or its sign."""
+    last = '        Number("pull"'
+    more = (
+        '        Number("again", Reader("amplitude", "motor.tau", REVOLUTION, 2), "N.m", "it"),\n'
+        '        Number("sum", "figures.ripple + figures.again", "N.m", "twice"),\n'
+        '        Number("share", "figures.ripple / (figures.ripple - figures.again)", "1", "share"),\n'
+    )
+    figures = answer_of(tmp_path, TURN.replace(last, more + last)).figures
+    assert figures["sum"].error == pytest.approx(2.0 * figures["ripple"].error)
+    assert figures["share"].error is None
+    assert "within the errors of what it follows from" in figures["share"].reason

@@ -35,9 +35,9 @@ from workbench import (
     option,
 )
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
+from workbench.context import metric_of
 from workbench.figure import figure_of_figures, scaled
 from workbench.live import LiveMotion
-from workbench.method import metric_of
 
 from ..motion import live_motion
 

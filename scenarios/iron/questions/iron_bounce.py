@@ -35,10 +35,11 @@ from workbench import (
     option,
 )
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
+from workbench.context import metric_of
 from workbench.figure import scaled
 from workbench.judgement import Holds
 from workbench.live import REVOLUTION, moved
-from workbench.method import Run, metric_of
+from workbench.method import Run
 
 from .. import machine as iron
 from ..turn import Data, IronTurn
