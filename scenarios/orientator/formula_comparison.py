@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cosim import System
+from cosim.dense import Array
 from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
@@ -21,7 +22,7 @@ from workbench.figure import scaled
 
 from . import motion
 from .limit_formula import OrientatorParameters, rpm_of_squared
-from .products import fastest, run_product, simulated_limit
+from .products import RPM, fastest, run_product, simulated_limit
 
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
 LIMIT_COLUMNS = {
@@ -143,7 +144,7 @@ def compare_with_formula(
     ((machine, located),) = context.each(
         partial(simulated_limit, base), [friction], "limit", probes=True
     )
-    around = partial(gain_row, base, friction, (np.linspace(*NEAR_LIMIT) * located.value).tolist())
+    around = partial(gain_row, base, friction, np.linspace(*NEAR_LIMIT) * located.value / RPM)
     raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
     all_figures = figures(plane.frame, raised.frame, machine, located)
     tables = {PLANE: plane, RAISE: raised}
@@ -159,7 +160,7 @@ def limit_row(case: tuple[System, float]) -> Sequence[float]:
     return machine.d, machine.h, mu, limit_figure.value, error, formula, joint
 
 
-def gain_row(base: System, mu: float, speeds: Sequence[float], name: str) -> Sequence[Any]:
+def gain_row(base: System, mu: float, speeds: Array, name: str) -> Sequence[Any]:
     """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
     limits are sought at these speeds.
     """
@@ -168,7 +169,7 @@ def gain_row(base: System, mu: float, speeds: Sequence[float], name: str) -> Seq
 
     def slope(change: float) -> tuple[float, float]:
         starts = [{**base.start, key: value * x} for x in (1 + change, 1 - change)]
-        up, down = (fastest(replace(base, start=start), speeds, mu) for start in starts)
+        up, down = (fastest(replace(base, start=start), mu, speeds) for start in starts)
         width = math.log((1 + change) / (1 - change))
         half_width = (
             math.nan if None in (up.error, down.error) else (up.error or 0.0) + (down.error or 0.0)

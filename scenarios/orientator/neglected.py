@@ -6,24 +6,27 @@ paper's equations.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
 from cosim import System
-from cosim.accuracy.limit import limit
 from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Judgement, Mark, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import ROUNDING, figure_of_figures, scaled
+from workbench.figure import figure_of_figures, scaled
+from workbench.method import Method, Run
 
 from . import motion
-from .limit_formula import OrientatorParameters, rpm_of_squared
-from .products import STEP, fastest, run_product, simulate
+from .limit_formula import OrientatorParameters
+from .products import RPM, Product, fastest, run_product
 
 NEGLECTED = "orientator.neglected."
 CREEP = f"{NEGLECTED}creep"
@@ -33,7 +36,6 @@ NEGLECTED_STARTS = tuple(
 )
 TABLE = "orientator_neglect.csv"
 PLAIN = "paper"
-JAMS = "a product jams"
 #: Spacing of the speeds at which a limit is sought, over that at which friction holds a cup; a convention.
 SPACING = 0.03
 #: The slowest of these speeds over that one; a convention, since limits are well above a third of it.
@@ -70,9 +72,10 @@ class Effects:
         spring: dict[str, Value] = {"anchored": True, "length": self.length}
         together = {**sides, **corner, **spring}
         settings = dict(zip((PLAIN, *EFFECTS), ({}, sides, hook, corner, spring, together)))
+        start = {**base.start, CREEP: float(parameters(base)[CREEP].value) / 4}
         return {
             name: replace(
-                base, start={**base.start, **{NEGLECTED + key: x for key, x in values.items()}}
+                base, start={**start, **{NEGLECTED + key: x for key, x in values.items()}}
             )
             for name, values in settings.items()
         }
@@ -126,74 +129,53 @@ class NeglectedComparison:
         return [motion.motion("Without and with the neglected effects", runs)]
 
 
+class SlowlyCreeping(Product):
+    """A product whose errors are those of slower creeping, on which times depend linearly, and of the step."""
+
+    method: ClassVar[Method] = Run(finer=({CREEP: f"{CREEP} / 4"}, {"step": "step / 2"}))
+
+
 def compare_with_effects(
     context: Context, base: System, effects: Effects, speed: float, table_speeds: Sequence[float]
 ) -> NeglectedComparison:
-    """Run all machines at all speeds [rpm], and find where each of them jams.
+    """Run all machines at all speeds [rad/s], and find where each of them jams.
 
     The figures are those of `speed`, the rows of the table those of `table_speeds`.
     """
-    speeds = speed, *table_speeds
     kinds, mu = effects.machines(base), effects.friction
-    cases = [(system, n) for system in kinds.values() for n in speeds]
-    times = [*context.each(partial(time_of_orientation, mu), cases, "effects", probes=True)]
+    speeds = [speed, *table_speeds]
+    asked = [x for system in kinds.values() for x in SlowlyCreeping.of(system, mu, speeds)]
+    times = [*context.each(partial(orientation, context.fmus), asked, "effects", probes=True)]
     taken = {name: times[k * len(speeds) : (k + 1) * len(speeds)] for k, name in enumerate(kinds)}
-    rows = (
-        [n, *(of_kind[k].value for of_kind in taken.values())] for k, n in enumerate(speeds) if k
-    )
-    table = context.record_rows(TABLE, {"n": "rpm", **dict.fromkeys(kinds, "s")}, rows)
+    columns = {name: np.array([x.value for x in some[1:]]) for name, some in taken.items()}
+    n = np.round(np.array(table_speeds) * RPM, 9)
+    table = Table({"n": n, **columns}, {"n": "rpm", **dict.fromkeys(kinds, "s")})
     all_figures = figures({name: of_kind[0] for name, of_kind in taken.items()})
     ends = context.each(partial(fastest_oriented, mu), [*kinds.values()], "limits", probes=True)
     for name, end in zip(kinds, ends):
         which = f"with {EFFECTS[name]}" if name in EFFECTS else "of the paper"
         all_figures[f"limit_{name}"] = end._replace(meaning=f"largest rotor speed {which}")
-    return NeglectedComparison(kinds, mu, speed, all_figures, {TABLE: table})
+    return NeglectedComparison(kinds, mu, speed * RPM, all_figures, {TABLE: table})
 
 
-def with_slower_creep(system: System) -> list[System]:
-    """The machine with a quarter, a half and all of the speed below which what would stick creeps; the
-    machine alone where nothing does.
-    """
-    values = parameters(system)
-    if not any(values[f"{NEGLECTED}{mu}"].value for mu in ("mu_side", "mu_catcher")):
-        return [system]
-    creeps = (float(values[CREEP].value) / n for n in (4, 2, 1))
-    return [replace(system, start={**system.start, CREEP: creep}) for creep in creeps]
-
-
-def creep_error(values: Sequence[float]) -> float:
-    """What the creep still makes of the first of values of `with_slower_creep` machines: they are linear in it."""
-    return float(limit(values, 1.0).error) if len(values) > 1 else 0.0
-
-
-def time_of_orientation(mu: float, case: tuple[System, float]) -> Figure:
-    """A time of orientation; its error is what half the step changes, and what is left of the creep."""
-    system, n = case
-    machines = with_slower_creep(system)
-    times = [simulate(machine, mu, n).orientation_time for machine in machines]
-    halved = simulate(machines[0], mu, n, STEP / 2).orientation_time
-    if not np.isfinite([*times, halved]).all():
-        return Figure.undetermined("s", JAMS)
-    return Figure(times[0], "s", creep_error(times) + abs(times[0] - halved) + ROUNDING)
+def orientation(fmus: Mapping[str, Path], product: Product) -> Figure:
+    """The time of orientation of a product."""
+    return product.solve(Context(fmus)).figures["orientation_time"]
 
 
 def fastest_oriented(mu: float, system: System) -> Figure:
     """The fastest rotor that orients, sought below where friction holds cups in the chute; its error
     is the bracket, and what is left of the creep.
     """
-    first, *more_machines = with_slower_creep(system)
-    speeds = np.arange(SLOWEST, FASTEST, SPACING) * rpm_of_squared(
-        OrientatorParameters.of(system).sticking
-    )
-    fastest_rotor = fastest(first, speeds.tolist(), mu)
-    near = (np.linspace(*CREEP_SPEEDS) * fastest_rotor.value).tolist()
-    ends = [
-        fastest_rotor,
-        *(fastest(machine, near, mu) for machine in more_machines if fastest_rotor.error),
-    ]
-    refused = next((end for end in ends if end.error is None), None)
-    width = (fastest_rotor.error or 0.0) + creep_error([end.value for end in ends])
-    return refused or fastest_rotor._replace(error=width)
+    held = math.sqrt(OrientatorParameters.of(system).sticking)
+    rotor = fastest(system, mu, np.arange(SLOWEST, FASTEST, SPACING) * held)
+    if rotor.error is None:
+        return rotor
+    slower = replace(system, start={**system.start, CREEP: float(system.start[CREEP]) / 4})
+    other = fastest(slower, mu, np.linspace(*CREEP_SPEEDS) * rotor.value / RPM)
+    if other.error is None:
+        return other
+    return rotor._replace(error=rotor.error + 2.0 * abs(other.value - rotor.value))
 
 
 def figures(times: Mapping[str, Figure]) -> dict[str, Figure]:

@@ -1,21 +1,23 @@
-"""Single products through the orientator: how each ends, and the fastest rotor that orients them."""
+"""Products at many speeds of the rotor: how each ends, and the fastest rotor that orients them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import dropwhile
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import cosim
 from cosim import Result, System
-from workbench import Figure
+from workbench import Context, Figure, Number
+from workbench.find import Find, LineSearch, search
+from workbench.orbits import Motions, measured
 
 from . import machine as orientator
-from .limit_formula import OrientatorParameters, rpm_of_squared
+from .limit_formula import OrientatorParameters
+from .passage import STAGES_PASSED, Passage, last
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -23,132 +25,105 @@ if TYPE_CHECKING:
 #: Start values that a run of one product sets: friction on the wall, speed of the rotor, release.
 PRODUCT_STARTS = ("orientator.chute.mu", "orientator.w", "orientator.release")
 PRODUCT_UNITS = {
-    "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s", "t_falling": "s",
-    "t_joint": "s", "t_turning": "s", "t_released": "s",
+    "mu": "1", "n": "rpm", "stage": "1", "reason": "1", "orientation_time": "s",
+    **{f"t_{x}": "s" for x in STAGES_PASSED},
 }  # fmt: skip
+RPM = 30 / math.pi
 #: Communication step of a product [s]. The FMU locates its events inside a step; what half of it changes is in
 #: the error of a time. A convention.
 STEP = 0.02
-#: Width to which the gap between a speed that works and one that jams is halved [rpm], a convention.
-BRACKET = 0.01
-#: Speeds below a limit at which products are tried again, since jams may come and go there; a convention.
-CHECKS = 10
 #: Spacing of the speeds at which a limit is sought, over the closed bound of stage joint; a convention, since the
-#: bracket is halved afterwards.
+#: bracket is narrowed afterwards.
 SPACING = 0.03
 #: The slowest of these speeds, over that bound; a convention.
 SLOWEST_PRODUCT = 0.5
 
 
-class Product(NamedTuple):
-    """How one product ends: friction on the wall, rotor speed [rpm], stage and reason, and its times [s],
-    nan for those that it does not reach.
-    """
+class Product(Passage):
+    """One of many products: which stage it comes to, and why it jams."""
 
-    mu: float
-    n: float
-    stage: int
-    reason: int
-    orientation_time: float
-    t_falling: float
-    t_joint: float
-    t_turning: float
-    t_released: float
-
-    @property
-    def is_oriented(self) -> bool:
-        """Whether it came out oriented."""
-        return self.stage == orientator.ORIENTED
-
-
-@dataclass(frozen=True)
-class ProductsUntilJam:
-    """Products of one friction by rising rotor speed: those that are oriented, and the first jam beyond."""
-
-    oriented: Sequence[Product]
-    jam: Product | None
+    numbers: ClassVar[Any] = (
+        *(Number(x, last(x), meaning=f"{x} at the end") for x in ("stage", "reason")),
+        *Passage.numbers,
+    )
 
     @classmethod
-    def of(cls, products: Iterable[Product]) -> ProductsUntilJam:
-        """Sort products by speed; those that jam below the first oriented one are left out."""
-        oriented: list[Product] = []
-        by_speed = sorted(products, key=lambda product: product.n)
-        for product in dropwhile(lambda product: not product.is_oriented, by_speed):
-            if not product.is_oriented:
-                return cls(oriented, product)
-            oriented.append(product)
-        return cls(oriented, None)
-
-    @classmethod
-    def of_frame(cls, frame: DataFrame, mu: float) -> ProductsUntilJam:
-        """Take the products of a friction from a table."""
-        rows = frame[frame["mu"] == mu].itertuples(index=False)
-        return cls.of(Product(*row) for row in rows)
-
-    @property
-    def gap_to_jam(self) -> float:
-        """How far the first jam is above the last product that is oriented [rpm]; 0 without a jam."""
-        return 0.0 if self.jam is None else self.jam.n - self.oriented[-1].n
-
-    def limit(self) -> Figure:
-        """Return the last speed that works; its error is the bracket."""
-        which = "no product" if self.oriented else "every product"
-        meaning = "largest rotor speed that works"
-        if self.jam is None:
-            return Figure.undetermined("rpm", f"{which} of the sweep jams", meaning)
-        beyond = f"{meaning}; beyond it: {orientator.REASONS[self.jam.reason]}"
-        return Figure(self.oriented[-1].n, "rpm", self.gap_to_jam, beyond)
+    def of(
+        cls, machine: System, friction: float, speeds: Iterable[float], step: float = STEP
+    ) -> list[Product]:
+        """Return products of a machine at a friction on the wall and rising speeds of the rotor [rad/s]."""
+        start = {x: value for x, value in machine.start.items() if x not in PRODUCT_STARTS}
+        return [
+            cls.parse(
+                {"start": start, "speed": float(w), "friction": float(friction), "step": step}
+            )
+            for w in speeds
+        ]
 
 
 def run_product(machine: System, mu: float, n: float, step: float) -> Result:
     """Run one product at a friction on the wall and a rotor speed [rpm]."""
-    start = {**machine.start, **dict(zip(PRODUCT_STARTS, (mu, n * math.pi / 30)))}
-    return cosim.run(replace(machine, start=start), stop=orientator.LONGEST, step=step)
+    (product,) = Product.of(machine, mu, [n / RPM])
+    return cosim.run(product.system(machine.parts), stop=product.stop, step=step)
 
 
-def simulate(machine: System, mu: float, n: float, step: float = STEP) -> Product:
-    """Return how one product ends."""
-    result = run_product(machine, mu, n, step)
-    stage, reason, *times = (float(result[f"orientator.{x}"][-1]) for x in [*PRODUCT_UNITS][2:])
-    return Product(mu, n, int(stage), int(reason), *(time or math.nan for time in times))
+def table_of(products: Motions) -> DataFrame:
+    """Return a row for each product, with nan for the times of stages that it does not reach."""
+    from pandas import DataFrame
+
+    columns = {name: products.columns[name].value for name in [*PRODUCT_UNITS][2:]}
+    mu, n = zip(*((o.friction, round(o.speed * RPM, 9)) for o in products.asked))  # 20 rpm stay 20
+    return DataFrame({"mu": mu, "n": n, **columns}).sort_values("n")
 
 
-def sweep(machine: System, speeds: Sequence[float], mu: float) -> list[Product]:
-    """Return the products of a friction at these speeds [rpm], and those that locate the limit.
-
-    The gap between the last speed that works and the first that jams is bisected. Some speeds below
-    it are tried, too, and all is done again if one of these jams.
-    """
-    products = [simulate(machine, mu, n) for n in speeds]
-
-    def works(n: float) -> bool:
-        products.append(simulate(machine, mu, n))
-        return products[-1].is_oriented
-
-    while True:
-        series = ProductsUntilJam.of(products)
-        if series.jam is None or series.gap_to_jam <= BRACKET:
-            return products
-        low, high = series.oriented[-1].n, series.jam.n
-        first = max(0.0, 2 * low - high)
-        while high - low > BRACKET:
-            middle = (low + high) / 2.0
-            low, high = (middle, high) if works(middle) else (low, middle)
-        tried = np.linspace(first, low, CHECKS + 2)[1:-1].tolist()
-        products += [simulate(machine, mu, n) for n in tried]
+def until_jam(fmus: Mapping[str, Path], products: Sequence[Product]) -> DataFrame:
+    """Return products at rising speeds, and those between and beside them that locate where the first of them jams."""
+    context = Context(fmus, certifies=False)
+    speeds = np.array([o.speed for o in products])
+    sought = Find("speed", speeds[0], speeds[-1], "oriented", 0.5, "all", "rad/s")
+    line = LineSearch.along(measured(context, products), sought, speeds)
+    (places,) = search(context, [line])
+    known = line.known
+    assert known is not None
+    for found in places:
+        at, width = found.place.value, found.place.error
+        if width is not None and not found.rises:
+            both = [line.at(at + x) for x in (-width, width)]
+            known = known.beside(measured(context, both))
+            break
+    return table_of(known)
 
 
-def fastest(machine: System, speeds: Sequence[float], mu: float) -> Figure:
-    """Return the fastest rotor that orients before the first of rising speeds [rpm] that jams, and why."""
-    return ProductsUntilJam.of(sweep(machine, speeds, mu)).limit()
+def oriented_and_jam(products: DataFrame) -> tuple[DataFrame, DataFrame]:
+    """Return the products that are oriented up to the first jam beyond them, and that, if there is any."""
+    works = (products["stage"] == orientator.ORIENTED).to_numpy()
+    first = int(works.argmax()) if works.any() else len(works)
+    jams = np.flatnonzero(~works[first:])
+    end = first + int(jams[0]) if len(jams) else len(works)
+    return products.iloc[first:end], products.iloc[end : end + 1]
+
+
+def limit_of(products: DataFrame) -> Figure:
+    """Return the last speed that works, with the distance of the jam as its error."""
+    oriented, jam = oriented_and_jam(products)
+    meaning = "largest rotor speed that works"
+    if jam.empty or oriented.empty:
+        which = "every product" if oriented.empty else "no product"
+        return Figure.undetermined("rpm", f"{which} of the sweep jams", meaning)
+    n, beyond = float(oriented["n"].iloc[-1]), jam.iloc[0]
+    reason = orientator.REASONS[int(beyond["reason"])]
+    return Figure(n, "rpm", float(beyond["n"]) - n, f"{meaning}; beyond it: {reason}")
+
+
+def fastest(machine: System, mu: float, speeds: Iterable[float]) -> Figure:
+    """Return the fastest rotor that orients before the first of rising speeds [rad/s] that jams, and why."""
+    return limit_of(until_jam(machine.parts, Product.of(machine, mu, speeds)))
 
 
 def simulated_limit(system: System, mu: float) -> tuple[OrientatorParameters, Figure]:
     """Return a machine with a friction, and its simulated limit, which the bound of stage joint is above."""
     machine = OrientatorParameters.of(
-        replace(system, start={**system.start, "orientator.chute.mu": mu})
+        System(system.parts, start={**system.start, "orientator.chute.mu": mu})
     )
-    speeds = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING) * rpm_of_squared(
-        machine.joint_limit
-    )
-    return machine, fastest(system, speeds.tolist(), mu)
+    shares = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING)
+    return machine, fastest(system, mu, shares * math.sqrt(machine.joint_limit))

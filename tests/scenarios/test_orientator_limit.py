@@ -16,9 +16,11 @@ from cosim import System
 from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
 from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm_of_squared
-from scenarios.orientator.products import fastest, run_product, simulate
+from scenarios.orientator.products import RPM, Product, fastest, run_product, table_of
 from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask, fmus_of
+from workbench import Context
+from workbench.orbits import measured
 
 LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,
           0.5: 62.12296, 0.6: 55.29936}  # fmt: skip
@@ -29,6 +31,12 @@ WITHIN = 2.03
 def system(mu: float, **start: Any) -> System:
     """The orientator's native FMU at a friction."""
     return orientator.system(fmus_of(orientation_time), 0.0, mu, start)
+
+
+def end_of(machine: System, mu: float, n: float) -> Any:
+    """The stage, the reason and the times of one product at a speed [rpm]."""
+    asked = Product.of(machine, mu, [n / RPM])
+    return table_of(measured(Context(machine.parts, certifies=False), asked)).iloc[0]
 
 
 def relative_difference(machine: OrientatorParameters, limit: float) -> float:
@@ -70,15 +78,16 @@ def test_a_wrong_sign_or_a_term_that_is_missing_leaves_the_limits(wrong: Any) ->
 def test_joint_fails_where_its_closed_bound_has_it(mu: float) -> None:
     bound = rpm_of_squared(OrientatorParameters.of(system(mu)).joint_limit)
     assert bound == pytest.approx(JOINT[mu], abs=6e-4)
-    below, above = (simulate(system(mu), mu, bound + x) for x in (-1e-5, 1e-5))
-    assert below[3] != orientator.REASONS.index("catcher stopped")
-    assert above[2:4] == (orientator.JAMMED, orientator.REASONS.index("catcher stopped"))
+    below, above = (end_of(system(mu), mu, bound + x) for x in (-1e-5, 1e-5))
+    assert below["reason"] != orientator.REASONS.index("catcher stopped")
+    assert above["stage"] == orientator.JAMMED
+    assert above["reason"] == orientator.REASONS.index("catcher stopped")
 
 
 def test_friction_holds_the_cup_in_the_chute_where_the_bound_has_it() -> None:
     bound = rpm_of_squared(OrientatorParameters.of(system(0.35)).sticking)
-    assert simulate(system(0.35), 0.35, bound - 1e-6)[3] != 1
-    assert simulate(system(0.35), 0.35, bound + 1e-6)[3] == 1
+    assert end_of(system(0.35), 0.35, bound - 1e-6)["reason"] != 1
+    assert end_of(system(0.35), 0.35, bound + 1e-6)["reason"] == 1
 
 
 def jacobi(m: OrientatorParameters, W: float) -> tuple[float, float, float] | None:
@@ -166,7 +175,7 @@ def test_the_formula_holds_for_three_cups(frictions: Any) -> None:
 def test_a_smaller_chute_raises_the_limit_as_the_centrifugal_force_says() -> None:
     """Only R - r and R - d - l1 cos(phi10)/2 hold R: with F_1 and F_2 in proportion W R would be kept."""
     plain, small = (system(0.35, **{"orientator.chute.R": R}) for R in (0.27, 0.2646))
-    slow, fast = (fastest(x, np.arange(74.0, 82.0).tolist(), 0.35).value for x in (plain, small))
+    slow, fast = (fastest(x, 0.35, np.arange(74.0, 82.0) / RPM).value for x in (plain, small))
     gain = math.log(fast / slow) / math.log(0.2646 / 0.27)
     assert gain == pytest.approx(-0.522, abs=0.01)
     assert gain == pytest.approx(-0.5 * 0.27 / (0.27 - 0.02), abs=0.03)
@@ -194,15 +203,16 @@ def test_effects_have_the_sense_of_their_cause() -> None:
 
 def test_what_neglected_friction_makes_lies_within_its_error_of_what_hardly_creeps() -> None:
     """Where it would stick the FMU creeps, which acts on times and limits in proportion."""
-    creeping = system(0.35, **{"orientator.neglected.mu_catcher": 0.35})
+    creeping = system(0.35, **{"orientator.neglected.mu_catcher": 0.35, neglected.CREEP: 2.5e-4})
     hardly = replace(creeping, start=creeping.start | {neglected.CREEP: 1e-3 / 64})
+    (asked,) = neglected.SlowlyCreeping.of(creeping, 0.35, [60.0 / RPM])
     stated, limit = (
-        neglected.time_of_orientation(0.35, (creeping, 60.0)),
+        neglected.orientation(creeping.parts, asked),
         neglected.fastest_oriented(0.35, creeping),
     )
-    # the factor of safety is 3 where the observed order is not within a tenth of the expected one
-    assert abs(stated.value - simulate(hardly, 0.35, 60.0)[4]) <= stated.error < 4e-4
-    exact = fastest(hardly, np.arange(76.0, 79.0).tolist(), 0.35)
+    exact = end_of(hardly, 0.35, 60.0)["orientation_time"]
+    assert abs(stated.value - exact) <= stated.error < 4e-4
+    exact = fastest(hardly, 0.35, np.arange(76.0, 79.0) / RPM)
     assert abs(limit.value - exact.value) <= limit.error + exact.error < 0.1
 
 

@@ -11,7 +11,6 @@ catcher, the direction of the spring.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import chain
@@ -34,7 +33,7 @@ from workbench import (
 )
 from workbench.charts.model import SERIES
 from workbench.charts.motion import Motion
-from workbench.figure import ROUNDING, figure_of_figures, percent
+from workbench.figure import figure_of_figures, percent
 from workbench.options import check_fixed_starts
 
 from .. import formula_comparison, motion, neglected
@@ -42,12 +41,13 @@ from .. import machine as orientator
 from ..products import (
     PRODUCT_STARTS,
     PRODUCT_UNITS,
+    RPM,
     STEP,
     Product,
-    ProductsUntilJam,
+    limit_of,
+    oriented_and_jam,
     run_product,
-    simulate,
-    sweep,
+    until_jam,
 )
 
 Frame = Any
@@ -105,17 +105,18 @@ class OrientationTime(Question):
         frictions, speeds = frictions_and_speeds(self)
         machine = orientator.system(context.fmus, 0.0, self.friction, self.start)
         connect(machine)
-        run = partial(sweep, machine, speeds)
-        rows = chain.from_iterable(context.each(run, frictions, "frictions", probes=True))
+        series = [Product.of(machine, mu, speeds) for mu in frictions]
+        found = context.each(partial(until_jam, context.fmus), series, "frictions", probes=True)
+        rows = chain.from_iterable(x.itertuples(index=False) for x in found)
         table, steps = context.record_rows(TABLE, PRODUCT_UNITS, rows), f"steps of {STEP} s"
-        series = {mu: ProductsUntilJam.of_frame(table.frame, mu) for mu in frictions}
-        all_figures, tables = figures(machine, table.frame, series), {TABLE: table}
+        all_figures, tables = figures(machine, table.frame), {TABLE: table}
         comparison = compared(self, context, machine, frictions, speeds)
         if comparison:
             all_figures |= comparison.figures
             tables = {**comparison.tables, **tables}
-        data = OrientationData(machine, series, comparison)
-        defaults = {"frictions": frictions, "speeds": [n * math.pi / 30 for n in speeds]}
+        of_frictions: Any = table.frame.groupby("mu", sort=False)
+        data = OrientationData(machine, dict(iter(of_frictions)), comparison)
+        defaults = {"frictions": frictions, "speeds": speeds}
         return Findings(all_figures, data, machine, {}, steps, tables=tables, defaults=defaults)
 
     def judgements(self, f: Mapping[str, Figure], r: OrientationData) -> list[Judgement]:
@@ -137,15 +138,15 @@ class OrientationTime(Question):
     def show(self, f: Mapping[str, Figure], r: OrientationData) -> Show:
         """The curves, and for each limit the last product that is oriented beside the first that jams."""
         curves, marks, motions = [], [], []
-        for (mu, series), color in zip(r.series.items(), SERIES * len(r.series)):
-            oriented, jam = series.oriented, series.jam
-            n, time = [p.n for p in oriented], [p.orientation_time for p in oriented]
-            if oriented:
+        for (mu, products), color in zip(r.series.items(), SERIES * len(r.series)):
+            oriented, jam = oriented_and_jam(products)
+            n, time = (oriented[x].to_list() for x in ("n", "orientation_time"))
+            if n:
                 curves.append(Curve(f"friction {mu:g}", n, time, color, "linked"))
-            if jam is not None:
+            if n and not jam.empty:
                 marks.append(Mark(n[-1], f"friction {mu:g} jams beyond {n[-1]:.2f} rpm"))
-            if jam is not None and not r.comparison:
-                motions.append(pair(r.machine, mu, n[-1], jam.n))
+                if not r.comparison:
+                    motions.append(pair(r.machine, mu, n[-1], float(jam["n"].iloc[0])))
         title = "The orientation time over the speed of the rotor"
         panel = Panel("orientation time", "s", curves, includes=(0.0,))
         chart = Chart(title, "rotor speed [rpm]", [panel], [] if r.comparison else marks)
@@ -162,12 +163,12 @@ class OrientationData(NamedTuple):
     """The machine, its products for each friction, and what they are compared with."""
 
     machine: System
-    series: Mapping[float, ProductsUntilJam]
+    series: Mapping[float, Frame]
     comparison: OrientationComparison | None
 
 
 def frictions_and_speeds(o: OrientationTime) -> tuple[Sequence[float], Sequence[float]]:
-    """Return the frictions and the speeds [rpm] of the sweep; raises SetupError for what cannot be compared."""
+    """Return the frictions and the speeds [rad/s] of the sweep; raises SetupError for what cannot be compared."""
     if o.compare == NEGLECTED:
         check_fixed_starts(o.start, neglected.NEGLECTED_STARTS)
     frictions = o.frictions or FRICTIONS.get(o.compare, (o.friction,))
@@ -176,8 +177,8 @@ def frictions_and_speeds(o: OrientationTime) -> tuple[Sequence[float], Sequence[
             f"frictions = {min(frictions):g} must be a finite number above 0: without friction the formula "
             "finds no limit"
         )
-    speeds = [round(w * 30 / math.pi, 9) for w in o.speeds]  # so that 20 rpm stay 20
-    return frictions, speeds or (SLOW_SPEEDS if o.compare == NEGLECTED else SPEEDS)
+    some = [n / RPM for n in (SLOW_SPEEDS if o.compare == NEGLECTED else SPEEDS)]
+    return frictions, sorted(o.speeds or some)
 
 
 def compared(
@@ -192,38 +193,36 @@ def compared(
         return formula_comparison.compare_with_formula(context, machine, o.friction, frictions)
     if o.compare == NEGLECTED:
         effects = neglected.Effects(o.friction, o.catcher, o.rim, o.length)
-        speed = round(o.speed * 30 / math.pi, 9)
-        return neglected.compare_with_effects(context, machine, effects, speed, speeds)
+        return neglected.compare_with_effects(context, machine, effects, o.speed, speeds)
     return None
 
 
-def figures(
-    machine: System, products: Frame, series: Mapping[float, ProductsUntilJam]
-) -> dict[str, Figure]:
+def orientation_at(machine: System, row: Any, width: float, meaning: str) -> Figure:
+    """The time of the product of a row; its error holds what a rotor slower by a width [rpm] changes."""
+    products = Product.of(machine, row.mu, [row.n / RPM, max(0.0, row.n - width) / RPM])
+    context = Context(machine.parts)
+    at, slower = (x.solve(context).figures["orientation_time"] for x in products)
+    changed = figure_of_figures(lambda x, y: x - y, at, slower, unit="s")
+    if changed.error is None:
+        return Figure.undetermined("s", changed.reason, meaning)
+    return at._replace(error=(at.error or 0.0) + abs(changed.value), meaning=meaning)
+
+
+def figures(machine: System, products: Frame) -> dict[str, Figure]:
     """The shortest time of orientation; for each friction the fastest rotor that works, as near as it
     was located, and its products; from where on friction matters.
     """
-
-    def takes(p: Product, wide: float, meaning: str) -> Figure:
-        """A time of orientation; its error is what half the step changes, and a rotor `wide` slower."""
-        variants = ((max(0.0, p.n - wide), STEP), (p.n, STEP / 2))
-        times = [simulate(machine, p.mu, n, step).orientation_time for n, step in variants]
-        if not all(map(math.isfinite, times)):
-            why = "it depends on the step of the run whether this product jams"
-            return Figure.undetermined("s", why, meaning)
-        change = sum(abs(p.orientation_time - time) for time in times)
-        return Figure(p.orientation_time, "s", max(change, ROUNDING), meaning)
-
     works = products[products["stage"] == orientator.ORIENTED]
     all_figures = {}
-    for row in works.nsmallest(1, "orientation_time").itertuples(index=False):
-        p = Product(*row)
-        where = f"shortest orientation time, friction {p.mu:g} at {p.n:g} rpm"
-        all_figures["shortest_time"] = takes(p, 0.0, where)
-    for mu, products_of in series.items():
-        of_friction = {"limit": products_of.limit()}
-        if products_of.jam is not None:
-            time = takes(products_of.oriented[-1], products_of.gap_to_jam, "orientation time there")
+    for row in works.nsmallest(1, "orientation_time").itertuples():
+        where = f"shortest orientation time, friction {row.mu:g} at {row.n:g} rpm"
+        all_figures["shortest_time"] = orientation_at(machine, row, 0.0, where)
+    for mu, some in products.groupby("mu", sort=False):
+        limit, (oriented, _) = limit_of(some), oriented_and_jam(some)
+        of_friction = {"limit": limit}
+        if limit.error is not None:
+            (last,) = oriented.tail(1).itertuples()
+            time = orientation_at(machine, last, limit.error, "orientation time there")
             of_friction["orientation_time"] = time
             of_friction["products"] = figure_of_figures(
                 lambda x: 60.0 / x,

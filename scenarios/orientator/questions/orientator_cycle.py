@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -21,32 +20,21 @@ from workbench import (
     Figure,
     Judgement,
     Number,
-    Question,
     Reader,
     RunChart,
-    RunOptions,
     RunPanel,
     Show,
     Slider,
-    option,
 )
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.figure import figure_of_columns
 from workbench.judgement import Holds
-from workbench.live import Live, drawn
+from workbench.live import Live, LiveMotion, drawn
 
 from .. import machine as orientator
 from .. import motion
+from ..passage import STAGES_PASSED, Passage, ending
 
-STAGES = orientator.STAGES[: orientator.ORIENTED]
-IMPULSES = {
-    "corner_impulse": ("S_y", "impulse of the landing on the catcher's corner, down", "falling"),
-    "wall_impulse": ("S_k", "impulse of the landing on the wall", "falling"),
-    "hook_impulse": ("P_B", "impulse of the contact with the hook", "joint"),
-}
-"""Impulses: output, meaning, and the stage that ends with it."""
-#: The reason of a jam in which the catcher stops before the product reaches the hook.
-STOPPED = orientator.REASONS.index("catcher stopped")
 #: Fewest rows of a stage, derived from the four coefficients of a cubic.
 LEAST_ROWS = 4
 FEW_ROWS = f"a stage has fewer than {LEAST_ROWS} rows, even with much shorter steps"
@@ -79,7 +67,7 @@ WALL_RECORD = (
     "orientator.N_K",
     "orientator.stage",
     "orientator.reason",
-    *(f"orientator.t_{x}" for x in STAGES),
+    *(f"orientator.t_{x}" for x in STAGES_PASSED),
 )
 #: A product, and the smallest reaction of the wall.
 Data = tuple[Result, Figure]
@@ -89,20 +77,16 @@ Data = tuple[Result, Figure]
 LONGEST_STEP = 1e-3
 
 
-class OrientatorCycle(Question, RunOptions):
-    """The rotor's speed, the friction of its wall, and how the run is made."""
+class OrientatorCycle(Passage):
+    """Those of a product; its wall besides."""
 
-    parts = orientator.PARTS
-    fixed_starts = ("orientator.release",)
-
-    speed: float = option("40rpm", "speed of the rotor", "rad/s", least=0.0)
-    friction: float = option(0.35, "friction between cup and wall", "1", least=0.0)
-    stop: float = option(orientator.LONGEST, "longest simulated time", "s", above=0.0)
-    step: float = option("1ms", "finest of three communication steps", "s", above=0.0)
-
-    def system(self, fmus: Mapping[str, Path]) -> System:
-        """Return the orientator that turns at the speed of the options."""
-        return orientator.system(fmus, self.speed, self.friction, self.start)
+    sliders = (
+        Slider("speed", 0.5, 12.0),
+        Slider("friction", 0.0, 1.0),
+        Slider("orientator.spring.c", 4.0, 40.0),
+        Slider("orientator.chute.H", 0.01, 0.1),
+    )
+    charts = (CHART,)
 
     def more_runs(self, context: Context, system: System) -> Figure:
         """Return the smallest reaction of the wall, from steps so short that each stage has the rows of a cubic.
@@ -121,42 +105,14 @@ class OrientatorCycle(Question, RunOptions):
             step /= 4.0
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
-        """Return the smallest reaction of the wall, and whether the product is oriented without a pull of it."""
+        """Return the smallest reaction of the wall besides, and whether the product is oriented without a pull of it."""
         meaning, wall = "oriented by a wall that only pushes: 1, or not: 0", r[1]
         pushed = Figure(float(f["oriented"].value and wall.value >= 0.0), "1", 0.0, meaning)
         if f["oriented"].value and (wall.error is None or abs(wall.value) < wall.error):
             pushed = Figure.undetermined(
                 "1", wall.reason or "the force is 0 within its error", meaning
             )
-        return {"wall_least": wall, "oriented_by_pushing": pushed}
-
-    def figures(self, r: Result) -> dict[str, Figure]:
-        """End, durations as far as they were reached, and impulses; the FMU tells them at the end."""
-
-        def last(name: str, meaning: str, why: str = "") -> Figure:
-            value, unit = float(r[f"orientator.{name}"][-1]), r.units[f"orientator.{name}"]
-            if why:
-                return Figure.undetermined(unit, why, meaning)
-            return Figure(value, unit, 0.0, meaning)
-
-        end, oriented = ending(r), r["orientator.stage"][-1] == orientator.ORIENTED
-        reached = {x: r[f"orientator.t_{x}"][-1] > 0.0 for x in STAGES}
-        all_figures = {
-            "oriented": Figure(float(oriented), "1", 0.0, "oriented: 1, or not: 0"),
-            "orientation_time": last(
-                "orientation_time", "time from drop to end", "" if oriented else end
-            ),
-        }
-        for x, is_reached in reached.items():
-            all_figures[f"t_{x}"] = last(
-                f"t_{x}", f"duration of the stage {x}", "" if is_reached else end
-            )
-        for name, (column, meaning, landing) in IMPULSES.items():
-            landed = reached[landing]
-            landed &= name != "hook_impulse" or int(r["orientator.reason"][-1]) != STOPPED
-            why = "" if landed else f"it does not come to that: {end}"
-            all_figures[name] = last(column, meaning, why)
-        return all_figures
+        return {**super().more_figures(f, r[0]), "wall_least": wall, "oriented_by_pushing": pushed}
 
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """What becomes of the product, how long each stage takes, and whether its wall only pushes."""
@@ -182,7 +138,7 @@ class OrientatorCycle(Question, RunOptions):
             wall,
             *(
                 Judgement(f"duration of the stage {x}", f[f"t_{x}"])
-                for x in STAGES
+                for x in STAGES_PASSED
                 if f[f"t_{x}"].error is not None
             ),
         ]
@@ -196,58 +152,16 @@ class OrientatorCycle(Question, RunOptions):
         moving = motion.motion("One product", {"": until_end}, stages)
         return Show([chart], [moving])
 
+    def motion(self, f: Mapping[str, Figure], r: Data) -> LiveMotion:
+        """The cup on its catcher."""
+        return motion.live_motion("One product", r[0], 20.0)
+
     def live(self, f: Mapping[str, Figure], r: Data) -> Live:
         """One product, up to its end."""
-        last = float(orientator.ORIENTED)
-        ended = "figures.stage == " + repr(last)
-        return Live(
-            sliders=(
-                Slider("speed", 0.5, 12.0),
-                Slider("friction", 0.0, 1.0),
-                Slider("orientator.spring.c", 4.0, 40.0),
-                Slider("orientator.chute.H", 0.01, 0.1),
-            ),
-            start={"orientator.w": "speed", "orientator.chute.mu": "friction"},
-            until="figures.end",
-            numbers=[
-                Number(
-                    "end",
-                    Reader("first_crossing", "orientator.stage", level=last - 0.5),
-                    "s",
-                    "time of the end",
-                    is_visible=False,
-                ),
-                Number(
-                    "stage",
-                    Reader("last", "orientator.stage"),
-                    "1",
-                    "stage at the end",
-                    is_visible=False,
-                ),
-                Number("oriented", ended),
-                Number(
-                    "orientation_time",
-                    Reader("last", "orientator.orientation_time"),
-                    when=ended,
-                    otherwise="not oriented",
-                ),
-                *(
-                    Number(
-                        f"t_{x}",
-                        Reader("last", f"orientator.t_{x}"),
-                        when=f"figures.t_{x} > 0",
-                        otherwise="not reached",
-                    )
-                    for x in STAGES
-                ),
-                *(
-                    Number(name, Reader("last", f"orientator.{column}"))
-                    for name, (column, _, _) in IMPULSES.items()
-                ),
-            ],
-            charts=[CHART],
-            motion=motion.live_motion("One product", r[0], 20.0),
-        )
+        over = Reader("first_crossing", "orientator.stage", level=orientator.ORIENTED - 0.5)
+        end = Number("end", over, "s", "time of the end", is_visible=False)
+        start = {"orientator.w": "speed", "orientator.chute.mu": "friction"}
+        return self.page(f, r, more=[end], start=start, until="figures.end")
 
 
 def smallest_reaction(r: Result) -> Figure:
@@ -257,7 +171,7 @@ def smallest_reaction(r: Result) -> Figure:
     """
     unit, meaning = r.units["orientator.N_K"], "smallest reaction of the wall, a pull if negative"
     end, least = 0.0, []
-    for k, name in enumerate(STAGES):
+    for k, name in enumerate(STAGES_PASSED):
         inside = r["orientator.stage"] == k
         t, force = r["time"][inside], r["orientator.N_K"][inside]
         lasts = float(r[f"orientator.t_{name}"][-1])
@@ -283,12 +197,3 @@ def least_of_spline(t: Samples, force: Samples, ends: Samples) -> float:
     turns = curve.derivative().roots(extrapolate=False)
     level = turns[np.isfinite(turns)]  # a constant piece has nan
     return float(curve(np.concatenate([t, level, ends])).min())
-
-
-def ending(r: Result) -> str:
-    """What became of the product, in words."""
-    stage, reason = (int(r[f"orientator.{name}"][-1]) for name in ("stage", "reason"))
-    if reason:
-        return f"the product jams: {orientator.REASONS[reason]}"
-    still = "" if stage == orientator.ORIENTED else "still in the stage "
-    return f"the product is {still}{orientator.STAGES[stage]}"
