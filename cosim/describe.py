@@ -82,8 +82,7 @@ def _wire(wire: Connection, *, adds: bool = False) -> str:
 
 def notes(network: Network, settings: RunSettings) -> Iterator[str]:
     """What is worth knowing about a run of the system, whether it is possible or not."""
-    for name, flaws in network.flaws.items():
-        yield from (f"{name}: {flaw}" for flaw in flaws)
+    yield from settings.foreseen_warnings(network, in_full=True)
     for name, description in network.descriptions.items():
         if description.coSimulation and description.coSimulation.canRunAsynchronuously:
             yield f"{name}: a step that goes on after doStep has returned is not supported"

@@ -82,12 +82,10 @@ class Simulation:
         """All warnings, but those of bonds."""
         instance = self.instance
         parts = instance.parts.values()
-        warnings = list(instance.setup.network.flaw_texts())
+        setup = instance.setup
+        warnings = list(setup.settings.foreseen_warnings(setup.network))
         warnings += [f"{part.name}: {text}" for part in parts for text in part.messages.warnings]
-        warnings += instance.process.warnings
-        if not instance.setup.ports:
-            warnings.append("no FMU has an output to record: the rows contain only the time")
-        return warnings
+        return warnings + instance.process.warnings
 
     def state(self, system_start: Mapping[str, Value]) -> SystemState:
         """The state where the driver has come to, of a system with these start values but for the case; raises FmuError."""

@@ -86,19 +86,20 @@ def parse_time(text: str) -> float:
 
 
 class StartAction(argparse.Action):
-    """NAME=VALUE is a start value, as with --set; anything else the start time [s], where there is one."""
+    """Keeps a start value, NAME=VALUE as with --set; a time is told that it is now given with --from, where there is one."""
 
     def __call__(self, parser: Any, options: Any, text: Any, name: str | None = None) -> None:
         """Keep what is given."""
         if "=" in text:
             options.start_values = [*options.start_values, text]
             return
-        if not hasattr(options, self.dest):
+        if not hasattr(options, "start"):
             raise argparse.ArgumentError(self, f"{text!r} must read NAME=VALUE")
         try:
-            setattr(options, self.dest, parse_time(text))
+            options.start = parse_time(text)
         except argparse.ArgumentTypeError as error:
             raise argparse.ArgumentError(self, str(error)) from None
+        print("warning: the start time is given with --from: write that", file=sys.stderr)
 
 
 class FormerNameAction(argparse.Action):
@@ -135,7 +136,7 @@ OPTIONS: dict[str, tuple[dict[str, Any], str]] = {
     "--parameters": (PATH, "start values: an .ssv, or a .csv with the columns name, value and unit"),
     "--set": (ASSIGNED | {"dest": "start_values"}, "start value of a parameter or input, with a unit if needed: motor.T=5ms"),
     "--from": (TIME | {"dest": "start"}, "start time [s] (default: that of the file)"),
-    "--start": ({"action": StartAction, "metavar": "NAME=VALUE", "default": argparse.SUPPRESS}, "start value, as with --set (repeatable)"),
+    "--start": ({"action": StartAction, "dest": "start_values", "metavar": "NAME=VALUE", "default": []}, "start value, as with --set (repeatable)"),
     "--strict": (FLAG, "refuse an FMU whose model description is not valid"),
     "--stop": (TIME, "stop time [s] (default: that of the file)"),
     "--step": (TIME, "communication step [s] (default: that of the file, or the one that the FMUs prefer)"),

@@ -279,14 +279,9 @@ def add_system_options(parser: Parser, *, is_timed: bool = False, needs_file: bo
         f".ssp, .ssd, {FILE}, a folder that contains one, or FMUs: a.fmu, or motor=a.fmu pump=b.fmu"
     )
     parser.add_argument("files", help=text, metavar="file", nargs="+" if needs_file else "*")
-    parser.take("--wire", "--parameters", "--set")
+    parser.take("--wire", "--parameters", "--set", "--start", "--strict")
     if is_timed:
         parser.take("--from")
-        also = f"{OPTIONS['--start'][1]}; or start time [s], as with --from"
-        parser.take("--start", default=None, help=also)
-    else:
-        parser.take("--start")
-    parser.take("--strict")
 
 
 def add_stepping_options(parser: Parser, *, records: bool = True) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -64,6 +64,12 @@ class RunSettings:
             if port.type not in NUMERIC:
                 raise SetupError(f"{port} is a {port.type} and cannot be recorded")
         return ports
+
+    def foreseen_warnings(self, network: Network, *, in_full: bool = False) -> Iterator[str]:
+        """What a run warns of before its first step: the flaws of FMUs, and that there is nothing to record."""
+        yield from network.flaw_texts(in_full=in_full)
+        if self.record is None and not self.ports(network):
+            yield "no FMU has an output to record: the rows contain only the time"
 
     def unrecorded_texts(self, network: Network) -> list[str]:
         """The outputs that a run which names no columns leaves out, since their values are texts."""

@@ -97,9 +97,12 @@ class Catalog:
         """By part, what is wrong in its model description but does not affect a run, a sentence each."""
         return {name: fmu.flaws for name, fmu in self.fmus.items() if fmu.flaws}
 
-    def flaw_texts(self) -> Iterator[str]:
-        """The flaws of each part in a line, which names the first three."""
+    def flaw_texts(self, *, in_full: bool = False) -> Iterator[str]:
+        """The flaws of each part in a line, which names the first three; or `in_full` a line for each."""
         for part, flaws in self.flaws.items():
+            if in_full:
+                yield from (f"{part}: {flaw}" for flaw in flaws)
+                continue
             more = f"; and {len(flaws) - MOST_FLAWS} more, see cosim check"
             text = "; ".join(flaws[:MOST_FLAWS])
             yield f"{part}: {text}{more if len(flaws) > MOST_FLAWS else ''}"

@@ -182,7 +182,10 @@ def test_output_that_nobody_reads_any_more_is_no_traceback(drive: Path) -> None:
 
 
 def test_times_and_start_values_take_units_and_either_option(
-    drive: Path, tmp_path: Path, command_output: CommandOutput
+    drive: Path,
+    tmp_path: Path,
+    command_output: CommandOutput,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     out = tmp_path / "new" / "inner" / "out.csv"
 
@@ -201,6 +204,8 @@ def test_times_and_start_values_take_units_and_either_option(
         text, same = rows(*options)
         assert same == plain and "new folder" not in text
     assert "motor.T [s] = 0.005" in command_output("info", drive, "--start", "motor.T=5ms")
+    assert main(["check", str(drive), "--start", "0.1"]) == 0
+    assert capsys.readouterr().err == "warning: the start time is given with --from: write that\n"
     rpm = command_output("info", drive, "--set", "motor.w=60rpm")
     assert f"motor.w [rad/s] = {2 * np.pi!r}" in rpm
 

@@ -260,6 +260,16 @@ def test_a_run_warns_of_flaws_in_one_line(fmi2: Edited, command_output: CommandO
     )
 
 
+def test_check_says_what_a_run_warns_of(fmi2: Edited, command_output: CommandOutput) -> None:
+    """A flaw, and that there is nothing to record."""
+    silent = (r"<Outputs>.*</Outputs>|causality=\"output\"", "")
+    fmu = fmi2(silent, ("<Real/>", '<Real nominal="-1"/>'))
+    warnings = run(single_fmu_system(fmu), stop=0.1, step=0.1).warnings
+    said = command_output("check", fmu, "--stop", "0.1", "--step", "0.1")
+    assert any("rows contain only the time" in text for text in warnings)
+    assert all(text.partition("; ")[0] in said for text in warnings) and "has nominal -1" in said
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [
