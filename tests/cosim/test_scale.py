@@ -9,12 +9,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import pytest
 
-from cosim import System, describe, run
+from cosim import System, describe, run, write_ssp
 from cosim.engine.settings import RunSettings
 from cosim.engine.setup import setup_problems
+from cosim.formats.ssp.files import ROOT_SSD
+from cosim.formats.ssp.rules import load_valid
 from cosim.system import connect
 from cosim.system.graph import stepping_order, strongly_connected
 from tests.conftest import described, rewritten
@@ -68,6 +71,18 @@ def test_twice_the_parts_cost_twice(work: Callable[[System], None], fmus: Path) 
     small, large = (ring(fmus / "native", count) for count in (20, 40))
     work(large)
     assert operations(lambda: work(large)) < LARGER * operations(lambda: work(small))
+
+
+def test_rules_of_twice_the_wires_cost_twice(fmus: Path, tmp_path: Path) -> None:
+    def reading(count: int) -> Callable[[], object]:
+        package = tmp_path / f"{count}.ssp"
+        write_ssp(ring(fmus / "native", count), package)
+        with ZipFile(package) as archive:
+            structure = Path(archive.extract(ROOT_SSD, tmp_path / str(count)))
+        return lambda: load_valid(structure, "ssd:SystemStructureDescription")
+
+    small, large = reading(50), reading(100)
+    assert operations(large) < LARGER * operations(small)
 
 
 def test_twice_the_variables_cost_twice(tmp_path: Path) -> None:

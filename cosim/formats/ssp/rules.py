@@ -307,8 +307,8 @@ def _wrong_ends(
         else:
             continue
         lacking = True
-    dictionaries = {n for n, e in owners.items() if local_name(e) == "SignalDictionaryReference"}
-    if lacking or {owner for owner, _ in ends} & dictionaries:
+    elements = [owners[owner] for owner, _ in ends if owner in owners]
+    if lacking or "SignalDictionaryReference" in map(local_name, elements):
         return
     first, second = (End(owner, name, declared[owner][name]) for owner, name in ends)
     if first.kind in WILD or second.kind in WILD:
