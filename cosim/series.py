@@ -340,6 +340,17 @@ class Series:
         return cls(kept, lambda k: loads[k](), breaks=series.breaks, label=str(path))
 
     @classmethod
+    def read_cells(cls, path: Path | str) -> Series:
+        """The cells of a file as texts, "" where there are none: of a table whose values are not numbers alone."""
+        path = Path(path)
+        series = _series(read_file(path, as_texts=True), str(path))
+        cells = [
+            np.array(["" if is_empty(x) else str(x).strip() for x in series[name]])
+            for name in series.names
+        ]
+        return series.with_columns_from(cells.__getitem__)
+
+    @classmethod
     def of_any(
         cls, source: Series | pd.DataFrame | Mapping[str, ArrayLike] | Path | str, label: str
     ) -> Series:

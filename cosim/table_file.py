@@ -83,8 +83,8 @@ class TableFile:
     is_large: bool = False
 
 
-def read_file(path: Path) -> TableFile:
-    """The table of a .parquet, a .mat or a text file; raises SetupError with one reason."""
+def read_file(path: Path, *, as_texts: bool = False) -> TableFile:
+    """The table of a .parquet, a .mat or a text file, of which cells may be left `as_texts`; raises SetupError."""
     if path.exists() and not path.is_file():
         raise SetupError(
             f"{path} cannot be read as a table: it is not a file but a folder, a pipe or a device"
@@ -95,7 +95,8 @@ def read_file(path: Path) -> TableFile:
             return _read_modelica(path, facts)
         if path.suffix.lower() == ".parquet":
             return _read_parquet(path, facts)
-        return _read_text(path, str(path), facts, is_large=path.stat().st_size > LARGE)
+        is_large = path.stat().st_size > LARGE
+        return _read_text(path, str(path), facts, is_large=is_large, as_texts=as_texts)
     except (
         OSError, ValueError, TypeError, LookupError, NotImplementedError, ImportError, csv.Error,
     ) as error:  # fmt: skip
@@ -219,31 +220,6 @@ def _facts_beside(path: Path) -> dict[str, Any]:
     return facts
 
 
-def read_cells(path: Path | str) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """The headings and the rows of a text of cells, all as texts, with their lines; SetupError if it cannot be read.
-
-    The separator is a semicolon or a tab if the first line contains one, or what a line "sep=;" says, else a comma.
-    """
-    path = Path(path)
-    if path.exists() and not path.is_file():
-        raise SetupError(
-            f"{path} cannot be read as a table: it is not a file but a folder, a pipe or a device"
-        )
-    try:
-        with _opened(path) as file:
-            mark = _separator(file)
-            _require_one_mark(file, mark)
-            reader = csv.reader(file, delimiter=mark, skipinitialspace=True)
-            rows = [(reader.line_num, row) for row in reader if row]
-    except (OSError, ValueError, csv.Error) as error:
-        raise SetupError(f"{path} cannot be read as a table: {_reason(error)}") from error
-    if not rows:
-        raise SetupError(f"{path} cannot be read as a table: it is empty")
-    if mark != ",":
-        rows[1:] = [(k, [DECIMAL.sub(r"\1.\2", cell) for cell in row]) for k, row in rows[1:]]
-    return [heading.strip() for heading in rows[0][1]], rows[1:]
-
-
 def _separator(file: TextIO) -> str:
     """The separator of a text, which is then at its heading: behind comments, and a line that only states it."""
     start, first = 0, file.readline()
@@ -274,7 +250,12 @@ def _require_one_mark(file: TextIO, mark: str) -> None:
 
 
 def _read_text(
-    source: Path | str, label: str, facts: Mapping[str, Any], *, is_large: bool = False
+    source: Path | str,
+    label: str,
+    facts: Mapping[str, Any],
+    *,
+    is_large: bool = False,
+    as_texts: bool = False,
 ) -> TableFile:
     """A file, or a text, of cells with a heading."""
     with _opened(source) as file:
@@ -285,17 +266,21 @@ def _read_text(
     if not headings:
         raise ValueError("it is empty")
     split, count = split_headings(headings, facts.get("units", {}), label), len(headings)
-    if is_large:
+    if is_large and not as_texts:
         return TableFile(
             split, lambda k: _values(_cells(source, count, k)[k], mark), facts, is_large=True
         )
-    frame = _cells(source, count)
-    beyond = np.flatnonzero(frame[count].notna())
+    frame = _cells(source, count, as_texts=as_texts)
+    is_filled = frame.notna() & (frame != "")
+    beyond = np.flatnonzero(is_filled[count])
     if len(beyond):
         raise ValueError(f"row {beyond[0] + 2} has more cells than the heading")
-    frame = frame[: int(np.flatnonzero(frame.notna().any(axis=1)).max(initial=-1)) + 1]
-    named = [k for k, (name, _) in enumerate(split) if name or frame[k].notna().any()]
-    loaded = [_values(frame[k], mark) for k in named]
+    frame = frame[: int(np.flatnonzero(is_filled.any(axis=1)).max(initial=-1)) + 1]
+    named = [k for k, (name, _) in enumerate(split) if name or is_filled[k].any()]
+    if as_texts and frame[named].isna().any(axis=None):
+        row = int(np.argmax(frame[named].isna().any(axis=1)))
+        raise ValueError(f"row {row + 2} has fewer cells than the heading")
+    loaded = [_texts(frame[k], mark) if as_texts else _values(frame[k], mark) for k in named]
     return TableFile([split[k] for k in named], loaded.__getitem__, facts)
 
 
@@ -305,7 +290,9 @@ def _opened(source: Path | str) -> TextIO:
     return io.StringIO(source, newline="")
 
 
-def _cells(source: Path | str, count: int, only: int | None = None) -> pd.DataFrame:
+def _cells(
+    source: Path | str, count: int, only: int | None = None, *, as_texts: bool = False
+) -> pd.DataFrame:
     """All columns below the heading, or this one; one more has what rows have beyond the heading."""
     import pandas as pd
 
@@ -317,7 +304,8 @@ def _cells(source: Path | str, count: int, only: int | None = None) -> pd.DataFr
             return pd.read_csv(
                 file, sep=mark, decimal="." if mark == "," else ",", header=None, names=names,
                 usecols=None if only is None else [only], skipinitialspace=True,
-                keep_default_na=False, na_values=NOTHING, low_memory=False, index_col=False,
+                keep_default_na=False, na_values=[] if as_texts else [*NOTHING], low_memory=False,
+                index_col=False, dtype=str if as_texts else None,
             )  # fmt: skip
         except pd.errors.EmptyDataError:
             return pd.DataFrame({k: [] for k in range(count + 1)}, dtype=float)
@@ -326,12 +314,20 @@ def _cells(source: Path | str, count: int, only: int | None = None) -> pd.DataFr
 def _values(column: pd.Series, mark: str) -> Values:
     """The cells of a column in their own type; where commas do not separate, they may be points."""
     if mark != "," and column.dtype.kind == "O":
-        texts = column.map(lambda x: DECIMAL.sub(r"\1.\2", x) if isinstance(x, str) else x)
+        texts = _texts(column, mark)
         numbers = [number_of(x) for x in texts]
         if all(is_empty(x) or not math.isnan(number) for x, number in zip(texts, numbers)):
             return np.array(numbers)
-        column = texts
+        return texts
     return column.to_numpy()
+
+
+def _texts(column: pd.Series, mark: str) -> Values:
+    """The cells of a column as they are; decimal commas are points where commas do not separate."""
+    if mark == ",":
+        return column.to_numpy()
+    pointed = column.map(lambda x: DECIMAL.sub(r"\1.\2", x) if isinstance(x, str) else x)
+    return pointed.to_numpy()
 
 
 def read_text(text: str, label: str) -> TableFile:

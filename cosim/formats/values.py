@@ -7,9 +7,9 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from ..errors import SetupError
+from ..series import Series
 from ..system import Network, Port, Value, conversion_to, value_of_text
 from ..system.start_values import checked_start
-from ..table_file import read_cells
 from ..units import is_common
 from .ssp.files import Budget
 from .ssp.parameters import parameters_of
@@ -57,23 +57,20 @@ def _given_port(network: Network, name: str, where: str, given: set[str]) -> Por
 
 def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
     """Name and value of each row of a CSV, read as the command line reads them."""
-    header, rows = read_cells(path)
-    if lacking := [column for column in COLUMNS[:2] if column not in header]:
-        raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(header)}")
-    for k, column in enumerate(header):
-        if column in COLUMNS and header.count(column) > 1:
-            raise SetupError(f"{path} has two columns {column!r}")
-        texts = {row[k].strip() for _, row in rows if k < len(row)} - {""}
+    table = Series.read_cells(path)
+    if lacking := [column for column in COLUMNS[:2] if column not in table.names]:
+        raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(table.names)}")
+    for column in {*table.names} - {*COLUMNS}:
+        texts = {*table[column]} - {""}
         are_units = bool(texts) and all(map(is_common, texts))
-        is_near = get_close_matches(column.lower(), COLUMNS, n=1)
-        if column not in COLUMNS and (are_units or is_near):
-            meant = is_near[0] if is_near else "unit"
+        if (near := get_close_matches(column.lower(), COLUMNS, n=1)) or are_units:
+            meant = near[0] if near else "unit"
             raise SetupError(f"{path} has a column {column!r}: {meant!r} must be spelt so")
     given: set[str] = set()
-    for line, cells in rows:
-        row = dict(zip(header, map(str.strip, cells)))
-        name, text, unit = (row.get(column, "") for column in COLUMNS)
-        where = f"{path.name}, line {line}: parameter {name}"
+    names, values = (table[column] for column in COLUMNS[:2])
+    units = table["unit"] if "unit" in table.names else [table.column("value").unit] * len(names)
+    for row, (name, text, unit) in enumerate(zip(names, values, units), 2):
+        where = f"{path.name}, row {row}: parameter {name}"
         port = _given_port(network, name, where, given)
         try:
             value = value_of_text(network, port, text)

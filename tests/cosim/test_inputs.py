@@ -417,19 +417,19 @@ BAD_FILES = {
     "bounds": (ssv('T Real value="-1"'), "DriveMotor.T [s] = -1.0 must be at least"),
     "no set": ("<x/>", "set.ssv, line 1: the element must be ParameterSet, not x"),
     "no column": ("name,amount\nT,1\n", "has no column 'value', only name, amount"),
-    "row": ("name,value\nT,1\nX,1\n", "set.csv, line 3: parameter X fits no variable"),
+    "row": ("name,value\nT,1\nX,1\n", "set.csv, row 3: parameter X fits no variable"),
     "row type": (
         "name,value\nT,fast\n",
-        "line 2: parameter T: DriveMotor.T [s] = 'fast' must be of type Real",
+        "row 2: parameter T: DriveMotor.T [s] = 'fast' must be of type Real",
     ),
     "row unit": (
         "name,value,unit\nT,1,N.m\n",
-        "line 2: parameter T: DriveMotor.T [s] cannot be given in N.m: N.m cannot be converted to s",
+        "row 2: parameter T: DriveMotor.T [s] cannot be given in N.m: N.m cannot be converted to s",
     ),
     "row item": ("name,value\ncharacteristic,round\n", "'round' must be one of linear, kloss"),
     "short row": (
         "name,value\nT\n",
-        "line 2: parameter T: DriveMotor.T [s] = '' must be of type Real",
+        "row 2: parameter T: DriveMotor.T [s] = '' must be of type Real",
     ),
     "no text": ("\0\1", "has no column 'name'"),
     "suffix": ("T = 1", "set.txt must be an .ssv or a .csv"),

@@ -171,7 +171,7 @@ def test_pieces_have_no_equal_times_and_no_breaks(tmp_path: Path) -> None:
         ("name,value,Unit", "has a column 'Unit': 'unit' must be spelt so"),
         ("name,value,units", "has a column 'units': 'unit' must be spelt so"),
         ("name,value,einheit", "has a column 'einheit': 'unit' must be spelt so"),
-        ("name,value,value", "has two columns 'value'"),
+        ("name,value,value", "has two columns named 'value'"),
         ("name,value,unit ", ""),
         ("name,value,unit,note", ""),
     ],

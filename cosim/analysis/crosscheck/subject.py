@@ -25,6 +25,7 @@ from ...system import (
     require_cosimulation,
 )
 from ...system.description import ModelDescription, Variable
+from ...system.reading import OF_FMI3
 from .process import forked
 
 #: Steps of a run at most. Chosen: thirds, halves and quarters of it are whole, and a run takes a moment.
@@ -42,12 +43,6 @@ PHASE_PER_STEP = 0.37
 DEFAULT_STEPS = 100
 #: Step of an FMU that states neither step nor experiment [s]. Chosen.
 DEFAULT_STEP = 0.01
-#: names of capability flags in FMI 3.0, by those in FMI 2.0
-RENAMED = {
-    "canGetAndSetFMUstate": "canGetAndSetFMUState",
-    "canSerializeFMUstate": "canSerializeFMUState",
-    "providesDirectionalDerivative": "providesDirectionalDerivatives",
-}
 
 
 class CheckFailed(Exception):
@@ -246,7 +241,7 @@ class Subject:
         """Raise NotOffered without a capability flag."""
         if not getattr(self.can, ability):
             raise NotOffered(
-                f"{RENAMED.get(ability, ability) if self.is_fmi3 else ability} is false"
+                f"{OF_FMI3.get(ability, ability) if self.is_fmi3 else ability} is false"
             )
 
     def is_settable(self, v: Variable) -> bool:

@@ -28,9 +28,9 @@ from ...metrics import (
 )
 from ...result import growth_start, write_table
 from ...result import partial as partial_file
+from ...series import Series
 from ...system import Network, Value
 from ...system.start_values import checked_start, value_of_text
-from ...table_file import read_cells, split_heading
 from ...threads import available_cores
 from ..options import Parser, assignment, parse_time
 from ..output import new_folders, print_table, print_written_files, require_outputs
@@ -225,19 +225,15 @@ def _number(network: Network, name: str, text: str) -> float:
 
 
 def _table(path: Path, network: Network) -> dict[str, list[Value]]:
-    """The columns of a CSV file, whose head names start values; cells may have units. Raises SetupError."""
-    head, rows = read_cells(path)
-    names, units = zip(*map(split_heading, head))
-    columns = _distinct([(network.port(name).name, []) for name in names])
-    for line, row in rows:
-        if len(row) != len(names):
-            raise SetupError(f"{path}, line {line}: {len(row)} cells under {len(names)} names")
-        for name, unit, cell in zip(columns, units, row):
-            text = f"{cell.strip()}{unit}" if cell.strip() else ""
-            columns[name].append(value_of_text(network, network.port(name), text))
-    if not rows:
+    """The columns of a file, whose headings name start values; cells may have units. Raises SetupError."""
+    table, columns = Series.read_cells(path), []
+    for column in table.columns:
+        port = network.port(column.name)
+        texts = (f"{cell}{column.unit}" if cell else "" for cell in table[column.name])
+        columns.append((port.name, [value_of_text(network, port, text) for text in texts]))
+    if not len(table.load(0)):
         raise SetupError(f"{path} has no row below its header")
-    return columns
+    return _distinct(columns)
 
 
 def figure_of(text: str, network: Network) -> tuple[str, Metric]:
