@@ -14,10 +14,9 @@ import numpy as np
 
 from .engine.control import Adaptive
 from .engine.process_guard import ProcessGuard
-from .engine.row_file import RowFile
 from .engine.settings import RunSettings, StepAndStop
 from .engine.setup import Setup
-from .engine.snapshot import Case, LiveState, Stretch, SystemState
+from .engine.snapshot import Case, LiveState, SystemState
 from .engine.system_instance import SystemInstance, is_reset_trusted
 from .ensemble import Cases, Ensemble, Numbers, joined
 from .errors import FmuError, SetupError, pluralize
@@ -159,13 +158,11 @@ class Prepared:
         with collect_interrupts() as interrupts, ExitStack() as stack:
             instance.process = ProcessGuard()
             stack.callback(instance.rest)
-            file = None if all_rows is None else RowFile(all_rows)
-            if file is not None:
-                stack.callback(file.close)
-            stretch = Stretch(case.begin, math.inf if until is None else until, file)
+            file = None if all_rows is None else stack.enter_context(all_rows.open("wb"))
             path = None if csv is None else Path(csv).absolute()
             instance.begin(setup, case.begin)
-            simulation = Simulation(instance, began, csv=path, stretch=stretch)
+            last = math.inf if until is None else until
+            simulation = Simulation(instance, began, csv=path, until=last, all_rows=file)
             result = simulation.run(interrupts, progress)
             ran = result.provenance
             if ran["status"] == "complete" and simulation.driver.is_paused:

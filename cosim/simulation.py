@@ -17,7 +17,7 @@ from .engine.control import Adaptive
 from .engine.driver import Driver
 from .engine.energy import balance, bond_warnings, energies
 from .engine.recorder import Recorder
-from .engine.snapshot import WHOLE, Stretch, SystemState, part_state
+from .engine.snapshot import SystemState, part_state
 from .engine.system_instance import SystemInstance
 from .errors import FmuError, SimulationTerminated
 from .result import Result
@@ -25,7 +25,7 @@ from .system import Value
 
 
 class Simulation:
-    """A run on its way, of an instance that has begun where the stretch does; `began` is a reading of the clock [s]."""
+    """A run on its way, of an instance that has begun; `began` is a reading of the clock [s], `stretch` as of `Driver`."""
 
     def __init__(
         self,
@@ -33,14 +33,14 @@ class Simulation:
         began: float,
         *,
         csv: Path | None = None,
-        stretch: Stretch = WHOLE,
         setup: dict[str, Any] | None = None,
+        **stretch: Any,
     ) -> None:
         """With `setup`, what it is to say of what is run is known."""
         self.instance, self._began = instance, began
         self.setup = run_setup(instance) if setup is None else setup
         self.recorder = Recorder(instance.row.recorded, csv, self.setup)
-        self.driver = Driver(instance, instance.setup.settings, self.recorder, stretch=stretch)
+        self.driver = Driver(instance, instance.setup.settings, self.recorder, **stretch)
         self.status, self.reason = "failed", "stopped by an error outside the FMUs"
 
     def run(

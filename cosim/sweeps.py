@@ -15,7 +15,6 @@ import numpy as np
 
 from .accuracy.certify import certify
 from .engine.control import Adaptive, Mesh
-from .engine.row_file import RowFile
 from .engine.settings import RunSettings, StepAndStop
 from .ensemble import Array, Cases, Ensemble
 from .journal import digest, open_journal
@@ -162,9 +161,7 @@ class _Runs:
     ) -> Result:
         """The run of a member; its rows at all communication points go to the file `all_rows`."""
         if all_rows is not None:
-            file = RowFile(all_rows)
-            file.add(self._result(number, step, None).data.ravel().tolist())
-            file.close()
+            self._result(number, step, None).data.tofile(all_rows)
         return self._result(number, step, output_step)
 
     def _result(self, number: int, step: float | Adaptive, output_step: float | None) -> Result:

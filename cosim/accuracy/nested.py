@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.control import Adaptive, Mesh
-from ..engine.row_file import stored_column
-from ..result import Interrupted, Result, SimulationError
+from ..result import Interrupted, Result, Rows, SimulationError
 from ..scratch import scratch
 from ..system import VARIABLE_STEP, ModelDescription, System, connect, parts_without
 from .limit import RUNS, STEP_RATIO
@@ -37,6 +36,8 @@ GOLDEN = 0.5 * (1.0 + math.sqrt(5.0))
 TOLERANCE_RATIO = 10.0
 #: How many times as large as that of the next finer run the values of one are that is unstable. Chosen: an error of that size has no digit.
 UNSTABLE = 1e3
+#: Rows that are read at a time, which bounds the memory: derived, 2^15 rows of 20 columns are 5 MB.
+ROWS_AT_A_TIME = 1 << 15
 #: Share by which a step may exceed a run that is as long: rounding of their quotient.
 STEP_ROUNDING = 1e-9
 TOO_LONG = "the run is shorter than a step of {:g} s, so that no error can be estimated"
@@ -196,6 +197,16 @@ def nested_runs(
             rows = finest.with_columns_from(partial(stored_column, path, len(finest.columns)))
             found = replace(found, dense=rows)
         yield found
+
+
+def stored_column(path: Path, width: int, k: int) -> Rows:
+    """Column number k of a file of rows with so many numbers, shape (rows,); no other one is in memory."""
+    values = np.empty(path.stat().st_size // (width * np.dtype(float).itemsize))
+    with path.open("rb") as file:
+        for begin in range(0, len(values), ROWS_AT_A_TIME):
+            rows = np.fromfile(file, count=ROWS_AT_A_TIME * width).reshape(-1, width)
+            values[begin : begin + len(rows)] = rows[:, k]
+    return values
 
 
 class _Nested:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import time as clock
+from array import array
 from bisect import bisect_left, bisect_right, insort
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate
-from typing import Any
-
-import numpy as np
+from typing import Any, BinaryIO
 
 from ..errors import EventReached, FmuError, StepDiscarded
 from ..fmu.times import coincide, is_reached
@@ -33,11 +32,12 @@ from .control import (
 from .iteration import Iteration
 from .loop import Loop
 from .moments import EventDueError, Moments
-from .recorder import IntermediateValues, OutputGrid, Recorder
+from .output import IntermediateValues, Output, OutputGrid
+from .recorder import Recorder
 from .response import values_after_jump, values_after_probing_steps, values_of_wired_outputs
 from .schedule import Advance, explicit
 from .settings import RunSettings
-from .snapshot import WHOLE, Snapshot, StepMemory, Stretch
+from .snapshot import Snapshot, StepMemory
 from .system_instance import SystemInstance
 
 #: Steps between two saved states. A convention: taken again, they cost less than a saved state in each step.
@@ -124,9 +124,10 @@ class KnownSteps:
 class Driver:
     """The parts of a system on their way; `t` is the last communication point they reached [s].
 
-    `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`. It goes on from the time of
-    `begin`, if that is given, where inputs that were other ones jump, and ends at the first communication point from
-    `until` [s] on; it `is_paused` there, in a break that ends at `broken_until` if that is later.
+    `breaks` are the intervals, begin and end [s], in which columns may jump, see `Result`. It goes on from the state
+    of the instance, if that has one, where inputs that were other ones jump, and ends at the first communication point
+    from `until` [s] on; it `is_paused` there, in a break that ends at `broken_until` if that is later. A file may take
+    `all_rows`, those of each communication point, as numbers of this machine.
     """
 
     def __init__(
@@ -135,12 +136,13 @@ class Driver:
         plan: RunSettings,
         recorder: Recorder,
         *,
-        stretch: Stretch = WHOLE,
+        until: float = math.inf,
+        all_rows: BinaryIO | None = None,
     ) -> None:
-        """The instance is where the stretch begins."""
+        """The instance has begun."""
         self.instance, self.parts, self.row = instance, instance.stepped, instance.row
         self.plan, self.recorder = plan, recorder
-        begin, self._until, self._all_rows = stretch
+        begin, self._until = instance.state, until
         self.t, self._begin = plan.start, begin
         self.accepted = self.discarded = 0
         if begin is not None:
@@ -166,13 +168,12 @@ class Driver:
         self._moments = Moments(self.parts, instance.setup.fixed)
         self._advance = self._moments.met(self._plain_advance, self._jumps_at)
         self._advance = with_jumps(self._advance, self._jumps, self._occur)
-        self._add: Callable[[Sequence[float]], None] = recorder.add
-        self._extend: Callable[[Sequence[float]], None] = recorder.add  # by several rows
-        # times of the last rows, of the result and of the file of all, and of the last jump
-        self._shown = self._kept = self._jumped = math.nan
+        self._jumped = math.nan  # the time of the last jump
         self._unanswered: float | None = None  # where a break has begun
-        self._every = plan.steps_per_row(self.row.recorded)
         self._known = KnownSteps(plan, self._jumps)
+        self._grid: OutputGrid | None = None
+        self._outputs = list(self._open_outputs(all_rows))
+        self._every = min(output.every for output in self._outputs)
         self._checkpoint: tuple[int, Snapshot] | None = None
         self.compiled_loop: Loop | None = None
         self.control = "fixed"
@@ -192,12 +193,27 @@ class Driver:
             part.instance.refuse_steps_across_events(
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
-        if not self._known.count or (self._every is None and self._intermediate_values()):
+        if not self._known.count or (self._grid is not None and self._intermediate_values()):
             return
         if isinstance(loop, OSError):
             self.loop = f"Python, since the compiled loop is missing: {loop}"
         elif loop is not None:
             self.compiled_loop, self.loop = loop, "compiled"
+
+    def _open_outputs(self, all_rows: BinaryIO | None) -> Iterator[Output]:
+        """Where rows go: to the result, and all of them to a file."""
+        settings, last = self.plan, self._known.count
+        every = settings.steps_per_row(self.row.recorded)
+        if every is not None:
+            yield Output(self.recorder.add, every, last)
+        else:
+            assert settings.output_step is not None
+            self._grid = OutputGrid(
+                self.recorder.add, settings.output_step, self.row.discrete, self.breaks, self._intermediate_values()
+            )  # fmt: skip
+            yield Output(self._grid.add, 1, last)
+        if all_rows is not None:
+            yield Output(lambda rows: all_rows.write(array("d", rows)), 1, last)
 
     def _known_jumps(self) -> list[Jump]:
         """What is known before to happen at once on the way."""
@@ -218,17 +234,6 @@ class Driver:
 
     def steps(self) -> Iterator[ShareDone]:
         """Take the steps; the share of the run that is done after each or a few of them."""
-        grid = None
-        if self._every is None:
-            assert self.plan.output_step is not None
-            grid = OutputGrid(
-                self.recorder.add,
-                self.plan.output_step,
-                self.row.discrete,
-                self.breaks,
-                self._intermediate_values(),
-            )
-            self._add, self._extend = grid.take, grid.extend
         try:
             self._add_row(self.row(self.t))
             if self._known.count:
@@ -239,8 +244,8 @@ class Driver:
                 self._pause()
             self.breaks = [(b, min(end, self.t)) for b, end in self.breaks if b < self.t]
         finally:
-            if grid is not None:
-                grid.flush()
+            if self._grid is not None:
+                self._grid.flush()
 
     def add_end_row(self, time: float) -> None:
         """Add the row of the time [s] at which a part has ended the simulation.
@@ -255,14 +260,9 @@ class Driver:
             self.t = time
 
     def _add_row(self, row: Sequence[float]) -> None:
-        """Take a row, for the result and for the file of all rows."""
-        self._add_to_all_rows(row)
-        self._add_to_result(row)
-
-    def _add_to_result(self, row: Sequence[float]) -> None:
-        """Take a row for the result."""
-        self._shown = row[0]
-        self._add(row)
+        """Let all outputs have a row."""
+        for output in self._outputs:
+            output.add(row)
 
     def _jumps_at(self, t: float) -> bool:
         """Whether something jumps at a time [s] before which events of that time are not to happen."""
@@ -283,10 +283,8 @@ class Driver:
             return
         self._jumped = t
         row = self.row(t)
-        if not coincide(t, self._kept):
-            self._add_to_all_rows(row)
-        if not coincide(t, self._shown):
-            self._add_to_result(row)
+        for output in self._outputs:
+            output.add_unless_shown(row)
         before = values_of_wired_outputs(self.parts) | dict(zip(self.row.names, row[1:]))
         for change in jump.changes:
             change.instance.set(change.variable, change.value)
@@ -307,7 +305,8 @@ class Driver:
             # Other parts see an event at their next turn, but for events of which parts have told.
             seen = held.items() if not happened else ()
             kept = {name: before[name] for name, part in seen if part not in changed}
-            self._add_row([self._shown, *(after | kept).values()])
+            for output in self._outputs:
+                output.add([output.shown, *(after | kept).values()])
             insort(self.breaks, (self._shown, self._shown))
         if not answered:
             self._unanswered = self._shown
@@ -318,22 +317,10 @@ class Driver:
             insort(self.breaks, (self._unanswered, t))
             self._unanswered = None
 
-    def _add_to_all_rows(self, rows: Sequence[float]) -> None:
-        """Write rows to the file that takes all of them, if there is one."""
-        if self._all_rows is not None and len(rows):
-            self._kept = rows[-len(self.recorder.names)]
-            self._all_rows.add(rows)
-
-    def _thinned(self, rows: Sequence[float], first_step: int, every: int) -> Sequence[float]:
-        """Of rows after steps number `first_step`, `first_step` + 1, ..., those that the result has."""
-        if self._all_rows is None or not len(rows):
-            return rows
-        each = np.reshape(rows, (-1, len(self.recorder.names)))
-        numbers = np.arange(first_step, first_step + len(each))
-        due: list[float] = (
-            each[(numbers % every == 0) | (numbers == self._known.count)].ravel().tolist()
-        )
-        return due
+    @property
+    def _shown(self) -> float:
+        """The time of the last row of the result [s]."""
+        return self._outputs[0].shown
 
     def _intermediate_values(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
@@ -365,7 +352,7 @@ class Driver:
 
     def _fixed(self) -> Iterator[ShareDone]:
         count, known = self._known.count, self._known
-        every, instance = self._every or 1, self.instance
+        every, instance = self._every, self.instance
         split = sorted({*known.interrupted(), *known.firsts[1:], count})
         self.breaks += known.breaks()
         goal = count if self._until >= known.stop else self._goal()
@@ -384,15 +371,10 @@ class Driver:
             if self.compiled_loop is not None and n < last:
                 began = clock.perf_counter()
                 first, steps = known.stretch_of(n)
-                row_every = every if self._all_rows is None else 1
-                rows, done, failure = self.compiled_loop.run(
-                    steps, n - first, last - first, row_every
-                )
+                rows, done, failure = self.compiled_loop.run(steps, n - first, last - first, every)
                 self.accepted = first + done
-                self._add_to_all_rows(rows)
-                due = self._thinned(rows, n + 1, every)
-                self._extend(due)
-                self._shown = due[-len(self.recorder.names)] if len(due) else self._shown
+                for output in self._outputs:
+                    output.take(rows, len(self.recorder.names), n + 1, every)
                 self.t = known.begin_of(self.accepted)
                 has_event = isinstance(failure, EventDueError)
                 if failure is not None and not has_event:
@@ -409,14 +391,12 @@ class Driver:
                     self._redo_from_checkpoint(failure)
                     self._advance(t, h)
                 end = known.begin_of(n + 1)
-                is_due = n + 1 == count or (n + 1) % every == 0
-                row = self.row(end) if is_due or self._all_rows is not None else None
+                due = [output for output in self._outputs if output.is_due(n + 1)]
+                row = self.row(end) if due else ()
                 self.accepted, self.t = n + 1, end
                 self._end_break(end)
-                if row is not None and is_due:
-                    self._add_row(row)
-                elif row is not None:
-                    self._add_to_all_rows(row)
+                for output in due:
+                    output.add(row)
             yield self.accepted / count
 
     def _goal(self) -> int:

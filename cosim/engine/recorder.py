@@ -5,25 +5,20 @@ from __future__ import annotations
 import csv
 import errno
 import io
-import math
 import os
 import time as clock
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..dense import CUBIC_ROWS
 from ..errors import FmuError, SetupError
 from ..files import lock_file
-from ..fmu.times import coincide
 from ..result import (
     Provenance,
     Result,
-    Rows,
     file_columns,
     open_unlinked,
     partial,
@@ -184,141 +179,3 @@ class Stream:
     def close(self) -> None:
         """Let others write the file."""
         self._file.close()
-
-
-IntermediateValues = tuple[list[tuple[float, list[float]]], list[int]]
-
-
-def _cubic_through(t: float, rows: Sequence[Rows] | Rows) -> Rows:
-    """The values at time t [s] on the polynomial through all rows, whose times stand first."""
-    times = [row[0] for row in rows]
-    weights = [math.prod((t - b) / (a - b) for b in times if b != a) for a in times]
-    total: Rows = sum(w * values for w, values in zip(weights, rows))
-    return total
-
-
-class OutputGrid:
-    """Rows at start + k * spacing [s], from values at any times, and at every event.
-
-    A time of the grid that is met is taken as it is. Between two others a row is interpolated by
-    the cubic through the four values around it; the columns in `discrete` keep the value before.
-    A change of such a column is an event: it gets a row. So do both values of a time that is taken twice, a
-    jump. No cubic reaches over an event, a jump or one of the intervals `breaks`, begin and end [s], which may
-    still be added to; within these rows lie on straight lines. What parts have shown of their columns within a
-    step, `observations`, takes the place of the values at the other times.
-    """
-
-    def __init__(
-        self,
-        add: Callable[[Sequence[float]], None],
-        spacing: float,
-        discrete: Sequence[int],
-        breaks: Sequence[tuple[float, float]] = (),
-        observations: Sequence[IntermediateValues] = (),
-    ) -> None:
-        self._add, self._spacing, self._discrete = add, spacing, list(discrete)
-        self._breaks, self._passed, self._broken_until = breaks, 0, -math.inf
-        self._observations = observations
-        self._window: list[Rows] = []
-        self._start = self._last = 0.0
-        self._next = 0
-
-    def take(self, row: Sequence[float]) -> None:
-        """The values at the next time."""
-        now = np.array(row)
-        if not self._window:
-            self._start = row[0]
-            self._window = [now]
-            self._emit(now)
-            return
-        before = self._window[-1]
-        if before[0] == now[0]:
-            self.flush()
-            self._add(now.tolist())
-            self._window = [now]
-            return
-        if (before[self._discrete] != now[self._discrete]).any() or self._breaks_between(
-            before[0], now[0]
-        ):
-            if len(self._window) > 1:
-                self._fill(*self._window[-2:])
-            self._window = [self._window[-1], now]
-            self.flush()
-            self._window = [now]
-            return
-        self._window.append(now)
-        if len(self._window) == CUBIC_ROWS - 1:
-            self._fill(*self._window[:2])
-        elif len(self._window) == CUBIC_ROWS:
-            self._fill(*self._window[1:3])
-            del self._window[0]
-
-    def extend(self, rows: Sequence[float]) -> None:
-        """The values at the next times, one row after the other, behind those of a first time."""
-        each = np.reshape(rows, (-1, len(self._window[-1])))
-        if len(each) and not self._discrete and self._passed == len(self._breaks):
-            each = each[self._is_near_output(each[:, 0])]
-        for row in each.tolist():
-            self.take(row)
-
-    def _is_near_output(self, times: Rows) -> NDArray[np.bool_]:
-        """Which of the next times [s] the cubics at times of the grid need: the others are of no use where nothing jumps."""
-        number = math.ceil((times[-1] - self._due()) / self._spacing) + 1
-        due = self._start + self._spacing * np.arange(self._next - 1, self._next + max(number, 1))
-        near = np.searchsorted(times, due)[:, None] + np.arange(-CUBIC_ROWS, CUBIC_ROWS)
-        is_near = np.zeros(len(times), bool)
-        is_near[near[(near >= 0) & (near < len(times))]] = True
-        is_near[:CUBIC_ROWS] = is_near[-CUBIC_ROWS:] = True
-        return is_near
-
-    def flush(self) -> None:
-        """Write what waited for values to come, up to the last time, which gets a row."""
-        if len(self._window) > 1:
-            self._fill(*self._window[-2:])
-            self._emit(self._window[-1])
-
-    def _breaks_between(self, begin: float, end: float) -> bool:
-        """Whether a part of a break lies between two times [s]."""
-        while self._passed < len(self._breaks) and self._breaks[self._passed][0] < end:
-            self._broken_until = max(self._broken_until, self._breaks[self._passed][1])
-            self._passed += 1
-        return self._broken_until > begin
-
-    def _fill(self, before: Rows, after: Rows) -> None:
-        """The rows after one time, up to the next."""
-        while (due := self._due()) <= after[0] or coincide(due, after[0]):
-            self._emit(
-                after
-                if coincide(due, after[0])
-                else self._interpolated_by_cubic(due, before, after)
-            )
-
-    def _emit(self, row: Rows) -> None:
-        """Write a row, unless its time has one."""
-        if row[0] > self._last or not self._next:
-            self._add(row.tolist())
-            self._last = float(row[0])
-        while (due := self._due()) <= row[0] or coincide(due, row[0]):
-            self._next += 1
-
-    def _due(self) -> float:
-        return self._start + self._next * self._spacing
-
-    def _interpolated_by_cubic(self, t: float, before: Rows, after: Rows) -> Rows:
-        row = _cubic_through(t, self._window)
-        for observations, columns in self._observations:
-            del observations[: sum(time < self._window[0][0] for time, _ in observations)]
-            within = [
-                [time, *values] for time, values in observations if before[0] < time <= after[0]
-            ]
-            if within:
-                selected = [0, *columns]
-                nodes = np.array([before[selected], *within, after[selected]])
-                cuts = [k for k in range(1, len(nodes)) if coincide(nodes[k - 1, 0], nodes[k, 0])]
-                piece = next(p for p in np.split(nodes, cuts) if p[-1, 0] >= t)
-                latest = max(len(piece) - CUBIC_ROWS, 0)
-                k = min(max(int(np.searchsorted(piece[:, 0], t)) - 2, 0), latest)
-                row[columns] = _cubic_through(t, piece[k : k + CUBIC_ROWS])[1:]
-        row[self._discrete] = before[self._discrete]
-        row[0] = t
-        return row

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,7 +12,6 @@ from ..fmu.session import SavedState, SerializedState
 from ..system import Value
 from .hermite import Node, SignalHistory
 from .part import Part
-from .row_file import RowFile
 
 
 def _cells(part: Part) -> list[MutableSequence[object]]:
@@ -155,21 +153,6 @@ class Case:
 
     start: Mapping[str, Value] = field(default_factory=dict)
     begin: SystemState | None = None
-
-
-class Stretch(NamedTuple):
-    """What of a run is done: from the state to `begin` with to the first communication point from `until` [s] on.
-
-    All its rows go to the file `all_rows`.
-    """
-
-    begin: SystemState | None = None
-    until: float = math.inf
-    all_rows: RowFile | None = None
-
-
-#: All of a run.
-WHOLE = Stretch()
 
 
 def part_state(part: Part) -> PartState:

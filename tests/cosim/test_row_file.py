@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cosim import Adaptive, run
-from cosim.engine.row_file import stored_column
+from cosim.accuracy.nested import stored_column
 from tests.cosim.test_cosim import pair
 
 
