@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from operator import attrgetter
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -123,6 +126,22 @@ class Facts(NamedTuple):
     shown: Mapping[str, Sequence[tuple[str, str]]]
 
 
+class Member(NamedTuple):
+    """What one run of an ensemble gives: of its number the rows, shape (rows, columns), and why it failed, if it did.
+
+    Of one that never began there are no `facts`. `energy` is given, taken and exchanged over each power bond [J];
+    `figures` are numbers that were made in place of rows.
+    """
+
+    number: int
+    rows: Array
+    reason: str = ""
+    warnings: Sequence[str] = ()
+    energy: Mapping[str, tuple[float, float, float]] = MappingProxyType({})
+    facts: Facts | None = None
+    figures: Mapping[str, float] = MappingProxyType({})
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """What many runs of one system give.
@@ -131,42 +150,55 @@ class Ensemble:
     ----------
     cases
         The start values in which they differ.
-    members
-        The numbers of the members, shape (members,).
     columns
         What each column is; the first is the time.
-    rows
-        The rows of each member, nan beyond its `counts`, shape (members, rows, columns).
-    counts
-        How many rows each has, shape (members,).
-    reasons
-        Why a member failed; empty for one that came to its end.
-    warnings
-        By the sentence, the numbers of the members that it is about.
-    energy
-        By power bond, energy given, taken and exchanged [J], shape (members, 3).
-    facts
-        What the run of each member says of itself; None for one that never began.
+    runs
+        What each run gives.
     notes
         What is worth to know of how they were run.
-    figures
-        Numbers of each member by name, shape (members,), where they were made instead of rows.
     """
 
     cases: Cases
-    members: Numbers
     columns: tuple[Column, ...]
-    rows: Array
-    counts: Numbers
-    reasons: list[str]
-    warnings: Mapping[str, list[int]]
-    energy: Mapping[str, Array]
-    facts: list[Facts | None]
+    runs: list[Member]
     notes: tuple[str, ...] = ()
-    figures: Mapping[str, Array] = field(default_factory=dict)
+
+    @cached_property
+    def members(self) -> Numbers:
+        """The numbers of the members, shape (members,)."""
+        return np.array([run.number for run in self.runs], np.int64)
+
+    @cached_property
+    def counts(self) -> Numbers:
+        """How many rows each has, shape (members,)."""
+        return np.array([len(run.rows) for run in self.runs], np.int64)
+
+    @cached_property
+    def rows(self) -> Array:
+        """The rows of each member, nan beyond its `counts`, shape (members, rows, columns)."""
+        shape = len(self), int(self.counts.max(initial=0)), len(self.columns)
+        rows = np.full(shape, np.nan)
+        for k, run in enumerate(self.runs):
+            rows[k, : len(run.rows)] = run.rows
+            self.runs[k] = run._replace(rows=rows[k, : len(run.rows)])
+        return rows
+
+    @cached_property
+    def reasons(self) -> list[str]:
+        """Why a member failed; empty for one that came to its end."""
+        return [run.reason for run in self.runs]
+
+    @cached_property
+    def warnings(self) -> dict[str, list[int]]:
+        """By the sentence, the numbers of the members that it is about."""
+        warnings: dict[str, list[int]] = {}
+        for run in self.runs:
+            for text in run.warnings:
+                warnings.setdefault(text, []).append(run.number)
+        return warnings
 
     def __len__(self) -> int:
-        return len(self.members)
+        return len(self.runs)
 
     @property
     def names(self) -> list[str]:
@@ -193,36 +225,37 @@ class Ensemble:
 
     def result(self, k: int) -> Result:
         """The result of the member at position k, as `run` gives it; of one that never began only why."""
-        n, number, rows = int(self.counts[k]), int(self.members[k]), self.rows[k, : self.counts[k]]
-        start = self.cases.case(number).start if number < self.cases.members else {}
-        if (facts := self.facts[k]) is None:
-            never = {
-                "start_values": start,
-                "status": "failed",
-                "reason": self.reasons[k],
-                "rows": n,
-            }
-            return Result(self.columns, {**never, "warnings": []}, rows.T.__getitem__)
+        run = self.runs[k]
+        start = self.cases.case(run.number).start if run.number < self.cases.members else {}
+        ran = {
+            "status": "failed" if run.reason else "complete",
+            "rows": len(run.rows),
+            "warnings": list(run.warnings),
+        }
+        if (facts := run.facts) is None:
+            never = {"start_values": start, "reason": run.reason}
+            return Result(self.columns, {**ran, **never}, run.rows.T.__getitem__)
         said = facts.provenance
         provenance = {
             **said,
             "start_values": said["start_values"] | start,
             "parts": _with_parameters(said["parts"], facts.shown, self.cases.ports, start),
-            "status": "failed" if self.reasons[k] else "complete",
-            "reason": self.reasons[k] or said["reason"],
-            "reached": float(rows[-1, 0]) if n else said["start"],
-            "rows": n,
-            "bonds": {bond: balance(*values[k].tolist()) for bond, values in self.energy.items()},
-            "warnings": [text for text, members in self.warnings.items() if number in members],
+            "reason": run.reason or said["reason"],
+            "reached": float(run.rows[-1, 0]) if len(run.rows) else said["start"],
+            "bonds": {bond: balance(*carried) for bond, carried in run.energy.items()},
+            **ran,
         }
-        return Result(self.columns, provenance, rows.T.__getitem__, breaks=facts.breaks)
+        return Result(self.columns, provenance, run.rows.T.__getitem__, breaks=facts.breaks)
 
     def evaluate(self, metrics: Mapping[str, Metric]) -> dict[str, Array]:
         """The numbers that metrics make of the members, shape (members,) each; nan for one that failed."""
         values = {name: np.full(len(self), np.nan) for name in metrics}
         columns = dict.fromkeys(column for metric in metrics.values() for column in metric.columns)
         for members in self._groups_with_same_times():
-            t, facts = self.rows[members[0], : self.counts[members[0]], 0], self.facts[members[0]]
+            t, facts = (
+                self.rows[members[0], : self.counts[members[0]], 0],
+                self.runs[members[0]].facts,
+            )
             assert facts is not None
             curves = {name: self._curves(t, members, name, facts.breaks) for name in columns}
             for name, metric in metrics.items():
@@ -250,7 +283,7 @@ class Ensemble:
 
     def _breaks_are_equal(self, first: int, second: int) -> bool:
         """Whether two members may jump at the same times."""
-        one, other = self.facts[first], self.facts[second]
+        one, other = self.runs[first].facts, self.runs[second].facts
         return one is other or (
             one is not None and other is not None and np.array_equal(one.breaks, other.breaks)
         )
@@ -265,52 +298,12 @@ class Ensemble:
         columns |= self.evaluate(metrics or {})
         return pd.DataFrame(columns | {"reason": self.reasons}, index=self.members)
 
-    def head(self, n: int) -> Ensemble:
-        """The first n of its members."""
-        return replace(
-            self, members=self.members[:n], rows=self.rows[:n], counts=self.counts[:n],
-            reasons=self.reasons[:n], facts=self.facts[:n], energy={k: e[:n] for k, e in self.energy.items()},
-        )  # fmt: skip
-
 
 def joined(blocks: Sequence[Ensemble]) -> Ensemble:
     """All members of some ensembles of the same cases, in the order of their numbers."""
-    if len(blocks) == 1:
-        return blocks[0]
-    members = np.concatenate([block.members for block in blocks])
-    order = np.argsort(members)
-    most = max(block.rows.shape[1] for block in blocks)
-    rows = np.full((len(members), most, len(blocks[0].columns)), np.nan)
-    reasons: list[str] = []
-    facts: list[Facts | None] = []
-    first = 0
-    for block in blocks:
-        rows[first : first + len(block), : block.rows.shape[1]] = block.rows
-        first += len(block)
-        reasons += block.reasons
-        facts += block.facts
-    warnings: dict[str, list[int]] = {}
-    for block in blocks:
-        for text, numbers in block.warnings.items():
-            warnings[text] = sorted([*warnings.get(text, ()), *numbers])
-    nothing = {len(block): np.full((len(block), 3), np.nan) for block in blocks}
-    energy = {
-        bond: np.concatenate([block.energy.get(bond, nothing[len(block)]) for block in blocks])[
-            order
-        ]
-        for bond in dict.fromkeys(bond for block in blocks for bond in block.energy)
-    }
-    return replace(
-        max(blocks, key=lambda block: block.cases.members),
-        members=members[order],
-        rows=rows[order],
-        counts=np.concatenate([block.counts for block in blocks])[order],
-        reasons=[reasons[k] for k in order],
-        facts=[facts[k] for k in order],
-        warnings=warnings,
-        energy=energy,
-        notes=tuple(dict.fromkeys(note for block in blocks for note in block.notes)),
-    )
+    runs = sorted((run for block in blocks for run in block.runs), key=attrgetter("number"))
+    notes = tuple(dict.fromkeys(note for block in blocks for note in block.notes))
+    return replace(blocks[0], runs=runs, notes=notes)
 
 
 def _with_parameters(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from inspect import Signature, signature
 from pathlib import Path
+from typing import Any
 
-from .engine.control import Adaptive
 from .engine.settings import RunSettings
 from .prepared import Prepared
 from .result import Result
@@ -15,20 +16,10 @@ from .system import System
 def run(
     system: System,
     *,
-    stop: float,
-    step: float | Adaptive,
-    start: float = 0.0,
-    algorithm: str = "strang",
-    order: Sequence[str] | None = None,
-    input_order: int = 0,
-    substeps: Mapping[str, int] | None = None,
-    tolerance: float | None = None,
-    record: Sequence[str] | None = None,
-    output_step: float | None = None,
-    stop_time_defined: bool = False,
     csv: Path | str | None = None,
     progress: Callable[[float], None] | None = None,
     all_rows: Path | None = None,
+    **settings: Any,
 ) -> Result:
     """Run a system from `start` to `stop`.
 
@@ -41,29 +32,6 @@ def run(
     ----------
     system : System
         What is run: parts, wires, start values and inputs over time.
-    stop, start : float
-        When the run ends and begins [s].
-    step : float or Adaptive
-        The communication step [s], or adaptive steps.
-    algorithm : str
-        The coupling algorithm, one of `ALGORITHMS`.
-    order : sequence of str, optional
-        The order in which Gauss-Seidel and Strang step the parts. By default each part steps after those that drive
-        it, or as declared where that is impossible.
-    input_order : int
-        The degree of the polynomials that Real inputs follow within a step; 0 holds them.
-    substeps : mapping, optional
-        Sub-steps of a communication step, by part.
-    tolerance : float, optional
-        The relative tolerance that FMUs get. By default it is the one that the default experiment of each FMU
-        states, or that of the adaptive steps.
-    record : sequence of str, optional
-        The columns, by default all outputs.
-    output_step : float, optional
-        The distance of the rows [s].
-    stop_time_defined : bool
-        Whether the FMUs are told the stop time before the start. Some then compute all of the run in their first
-        step, so that by default only an FMU that does not initialise without it is told it.
     csv : path, optional
         The file to which rows are streamed, which no other run may write at the same time.
     progress : callable, optional
@@ -71,6 +39,8 @@ def run(
     all_rows : Path, optional
         The file that takes the rows of all communication points, also those that `output_step` leaves out, as plain
         doubles.
+    **settings
+        The fields of `RunSettings`, of which `stop` and `step` are required.
 
     Raises
     ------
@@ -91,9 +61,15 @@ def run(
     >>> len(result["time"])
     11
     """
-    settings = RunSettings(
-        stop, step, start, algorithm, order, input_order, dict(substeps or {}), tolerance, record,
-        output_step, stop_time_defined,
-    )  # fmt: skip
-    with Prepared.open(system, settings) as prepared:
+    with Prepared.open(system, RunSettings(**settings)) as prepared:
         return prepared.run(csv=csv, progress=progress, all_rows=all_rows)
+
+
+def _with_fields_of_settings(function: Callable[..., Result]) -> Signature:
+    """The signature of a function with `**settings`, for `help`: the fields of RunSettings in their place."""
+    *own, _ = signature(function).parameters.values()
+    fields = signature(RunSettings).parameters.values()
+    return Signature([*own, *(x.replace(kind=x.KEYWORD_ONLY) for x in fields)])
+
+
+vars(run)["__signature__"] = _with_fields_of_settings(run)

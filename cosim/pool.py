@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .child import GRACE, Child, Death, death, progress_sender
 from .engine.settings import RunSettings
 from .engine.setup import Setup
-from .ensemble import NO_CASES, Cases, Ensemble
+from .ensemble import NO_CASES, Cases, Ensemble, Member
 from .errors import SetupError
 from .fmu.messages import log
 from .series import Column
@@ -143,10 +143,10 @@ def _failed_members(
         number, rests = int(numbers[0]), []
     waiting[:0] = [job.chunk.part(rest) for rest in rests if len(rest)]
     if number in numbers:
-        yield Ensemble(
-            NO_CASES, np.array([number]), job.columns, np.empty((1, 0, len(job.columns))),
-            np.zeros(1, np.int64), [f"the process that ran the parts {reason}"], {}, {}, [None],
-        )  # fmt: skip
+        failed = Member(
+            number, np.empty((0, len(job.columns))), f"the process that ran the parts {reason}"
+        )
+        yield Ensemble(NO_CASES, job.columns, [failed])
 
 
 def _start(batch: Batch) -> Job:

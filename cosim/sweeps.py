@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,7 +17,7 @@ import numpy as np
 from .accuracy.certify import certify
 from .engine.control import Adaptive, Mesh
 from .engine.settings import RunSettings, StepAndStop
-from .ensemble import Array, Cases, Ensemble
+from .ensemble import Array, Cases, Ensemble, Member
 from .journal import digest, open_journal
 from .metrics import Metric
 from .prepared import PLAIN, How, Prepared
@@ -93,27 +94,23 @@ class Figures:
         """The ensemble of a chunk with figures in place of rows."""
         if not self.certified:
             block = worker.run(cases, chunk, progress)
-            return replace(
-                block, rows=block.rows[:, :0].copy(), figures=block.evaluate(self.metrics)
-            )
+            values = block.evaluate(self.metrics)
+            made = [{name: float(x[k]) for name, x in values.items()} for k in range(len(block))]
+            return replace(block, runs=[_with(run, x) for run, x in zip(block.runs, made)])
         block = worker.run(cases, chunk)
-        runs, done = _Runs(worker, cases, chunk), 0
-        figures = {name: np.full(len(block), np.nan) for name in self.names}
+        runs, done = _Runs(worker, cases, chunk), list[Member]()
         try:
-            for k, number in enumerate(block.members.tolist()):
-                if not block.reasons[k]:
-                    at = int(np.flatnonzero(chunk.numbers == number)[0])
-                    values, block.reasons[k] = self._certified(runs, chunk, at)
-                    for name, value in values.items():
-                        figures[name][k] = value
-                done = k + 1
-                progress(done)
+            for run in block.runs:
+                at = int(np.flatnonzero(chunk.numbers == run.number)[0])
+                failed = dict[str, float](), run.reason
+                figures, reason = failed if run.reason else self._certified(runs, chunk, at)
+                done.append(_with(run._replace(reason=reason), figures))
+                progress(len(done))
                 if worker.is_late():
                     break
         except KeyboardInterrupt:
             pass
-        figures = {name: values[:done] for name, values in figures.items()}
-        return replace(block.head(done), rows=block.rows[:done, :0].copy(), figures=figures)
+        return replace(block, runs=done)
 
     def _certified(self, runs: _Runs, chunk: Chunk, at: int) -> tuple[dict[str, float], str]:
         """The figures of the member at a position of a chunk and their errors, and why some have none."""
@@ -132,6 +129,11 @@ class Figures:
             else:
                 values[ERROR.format(name)] = estimate.error
         return values, "; ".join(wrong)
+
+
+def _with(run: Member, figures: Mapping[str, float]) -> Member:
+    """A member with figures in place of rows."""
+    return run._replace(rows=run.rows[:0].copy(), figures=figures)
 
 
 class _Runs:
@@ -177,10 +179,9 @@ class _Runs:
         found = np.flatnonzero(ensemble.members == number)
         if not len(found):
             raise KeyboardInterrupt
-        k = int(found[0])
-        result = ensemble.result(k)
-        if ensemble.reasons[k]:
-            raise SimulationError(ensemble.reasons[k], result)
+        result, reason = ensemble.result(found[0]), ensemble.reasons[found[0]]
+        if reason:
+            raise SimulationError(reason, result)
         return result
 
     def _run(self, chunk: Chunk, step: float | Adaptive, output_step: float | None) -> Ensemble:
@@ -265,10 +266,10 @@ def sweep(
             its = replace(how, evaluate=wanted, numbers=rest, share=share)
             for block in prepared.blocks(read, its) if len(rest) else ():
                 values = [
-                    block.figures.get(name, np.full(len(block), np.nan)) for name in wanted.names
+                    [run.figures.get(n, math.nan) for n in wanted.names] for run in block.runs
                 ]
-                texts = [_reason_and_warnings(block, k) for k in range(len(block))]
-                kept.add(block.members.tolist(), np.array(values).T, texts)
+                texts = [json.dumps([run.reason, "; ".join(run.warnings)]) for run in block.runs]
+                kept.add(block.members.tolist(), np.array(values), texts)
             table = _table(read, wanted, kept.rows)
             table.attrs.update(identity)
             if len(table) < read.members:
@@ -278,15 +279,8 @@ def sweep(
     return table
 
 
-def _reason_and_warnings(block: Ensemble, k: int) -> str:
-    """Why a member failed and what its FMUs warn of, as one text."""
-    number = int(block.members[k])
-    warnings = [text for text, members in block.warnings.items() if number in members]
-    return json.dumps([block.reasons[k], "; ".join(warnings)])
-
-
 def _is_reason_and_warnings(text: str) -> bool:
-    """Whether a text can be one of `_reason_and_warnings`."""
+    """Whether a text can be the reason of a member and its warnings, as one."""
     try:
         texts = json.loads(text)
     except (ValueError, RecursionError):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from .engine.process_guard import ProcessGuard
 from .engine.settings import StepAndStop
 from .engine.setup import Setup
 from .engine.system_instance import SystemInstance
-from .ensemble import Array, Cases, Ensemble, Facts, Numbers
+from .ensemble import Array, Cases, Ensemble, Facts, Member, Numbers
 from .errors import SetupError
 from .simulation import Simulation, run_setup
 from .system import Value
@@ -78,17 +78,6 @@ class Batch:
             self.waiting.insert(0, chunk.part(rest))
 
 
-@dataclass(frozen=True)
-class Member:
-    """What a run by the driver gives: rows, shape (rows, columns), why it failed, warnings, energy over bonds [J]."""
-
-    rows: Array
-    reason: str
-    warnings: Sequence[str] = ()
-    energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    facts: Facts | None = None
-
-
 @dataclass
 class Alike:
     """What members with the same fixed steps have in common, and what the last of them has said of its run."""
@@ -145,14 +134,17 @@ class Worker:
             if self.abandoned or self.interrupts or (done and self.is_late()):
                 break
             done.append(
-                Member(self._no_rows, wrong[k]) if k in wrong else self._run(cases, chunk, k, row)
+                Member(int(chunk.numbers[k]), self._no_rows, wrong[k])
+                if k in wrong
+                else self._run(cases, chunk, k, row)
             )
             if clock.monotonic() > told + PATIENCE:
                 told = clock.monotonic()
                 progress(len(done))
         progress(len(done))
         process.restore()
-        return self._ensemble(cases, chunk.numbers[: len(done)], done)
+        notes = () if self._instance.is_reset_trusted else (FRESH,)
+        return Ensemble(cases, self.columns, done, notes)
 
     def is_late(self) -> bool:
         """Whether it has worked so long that it gives what is done."""
@@ -176,17 +168,19 @@ class Worker:
             instance.begin(alike.setup, case=dict(zip(self._names, values)))
         except SetupError as error:
             self.abandoned = instance.is_abandoned
-            return Member(self._no_rows, str(error))
+            return Member(number, self._no_rows, str(error))
         if alike.said is None:
             alike.said = run_setup(instance)
         simulation = Simulation(instance, began, setup=alike.said)
         simulation.drive(self.interrupts)
         self.abandoned = instance.is_abandoned
+        energy = {bond: energies(sides) for bond, sides in instance.bonds.items()}
         return Member(
+            number,
             np.frombuffer(simulation.recorder.rows).reshape(-1, len(self.columns)),
             "" if simulation.status == "complete" else simulation.reason,
-            simulation.warnings(),
-            {bond: energies(sides) for bond, sides in instance.bonds.items()},
+            [*simulation.warnings(), *_bond_warnings(energy)],
+            energy,
             self._facts(alike, simulation),
         )
 
@@ -226,26 +220,12 @@ class Worker:
             and v.type == port.variable.type
         ]
 
-    def _ensemble(self, cases: Cases, numbers: Numbers, done: Sequence[Member]) -> Ensemble:
-        """What is known of these members."""
-        n, most = len(done), max((len(member.rows) for member in done), default=0)
-        rows, warnings = np.empty((n, most, len(self.columns))), dict[str, list[int]]()
-        energy: dict[str, Array] = {}
-        for k, member in enumerate(done):
-            rows[k, : len(member.rows)], rows[k, len(member.rows) :] = member.rows, np.nan
-            for text in member.warnings:
-                warnings.setdefault(text, []).append(int(numbers[k]))
-            for bond, carried in member.energy.items():
-                energy.setdefault(bond, np.full((n, 3), np.nan))[k] = carried
-        for bond, values in energy.items():
-            text = (
+
+def _bond_warnings(energy: Mapping[str, tuple[float, float, float]]) -> Iterator[str]:
+    """A sentence for every bond on which the coupling changed a noticeable share of the energy, the same for all members."""
+    for bond, carried in energy.items():
+        if is_noticeable(*carried):
+            yield (
                 f"bond {bond}: the coupling created or removed more than {NOTICEABLE:.0%} of the energy "
                 "carried: use smaller steps or another algorithm; see diagnose"
             )
-            if len(where := numbers[is_noticeable(*values.T)]):
-                warnings[text] = where.tolist()
-        return Ensemble(
-            cases, numbers, self.columns, rows, np.array([len(m.rows) for m in done], np.int64),
-            [m.reason for m in done], warnings, energy, [m.facts for m in done],
-            () if self._instance.is_reset_trusted else (FRESH,),
-        )  # fmt: skip

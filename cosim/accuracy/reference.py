@@ -205,10 +205,6 @@ def true_errors(
     system: System,
     metrics: Metrics | None = None,
     *,
-    stop: float,
-    step: float,
-    start: float = 0.0,
-    record: Sequence[str] | None = None,
     method: str = "DOP853",
     timeout: float = math.inf,
     **settings: Any,
@@ -225,14 +221,6 @@ def true_errors(
         What is run and integrated.
     metrics : mapping or function, optional
         Those of `certify`.
-    stop : float
-        When the run ends [s].
-    start : float
-        When it begins [s].
-    step : float
-        The longest communication step [s].
-    record : sequence of str, optional
-        The columns; by default all outputs.
     method : str
         The oracle's method of integration.
     timeout : float
@@ -241,22 +229,13 @@ def true_errors(
         Those of `run`.
     """
     require_cosimulation(connect(system).descriptions, system.parts)
-    rows = settings.get("output_step", step)
-    exact = oracle(
-        system,
-        stop=stop,
-        start=start,
-        output_step=rows,
-        record=record,
-        method=method,
-        timeout=timeout,
-    )
+    own = {name: settings[name] for name in ("stop", "start", "record") if name in settings}
+    rows = settings.get("output_step", settings["step"])
+    exact = oracle(system, **own, output_step=rows, method=method, timeout=timeout)
     if metrics is None:
         metrics = summary_metrics(exact.names[1:])
     truth = evaluate(metrics, exact)
-    certified = certify(
-        system, metrics, stop=stop, step=step, start=start, record=record, **settings
-    ).figures
+    certified = certify(system, metrics, **settings).figures
     return Judged(exact, {name: Compared(e, float(truth[name])) for name, e in certified.items()})
 
 

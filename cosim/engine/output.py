@@ -6,6 +6,7 @@ import math
 import time as clock
 from array import array
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,37 +109,35 @@ class OutputGrid:
         if stop <= self._done:
             return
         t, held = rows[:, 0], rows[:, self._discrete]
-        jumps = t[1:] == t[:-1]
-        events = (held[1:] != held[:-1]).any(axis=1) | self._are_broken(t)
-        is_shown = np.append(self._done == 0, events | jumps)
-        is_shown[:-1] |= jumps
+        is_event = (held[1:] != held[:-1]).any(axis=1) | self._are_broken(t)
+        is_shown = np.append(self._done == 0, is_event | (t[1:] == t[:-1]))
+        is_shown[:-1] |= t[1:] == t[:-1]
         is_shown[-1] |= not ahead
         due = self._due_times(t[stop - 1])
-        rounding = 64 * np.spacing(np.abs(due))
-        at = np.searchsorted(t[:stop], due - rounding)
-        is_met = (at < stop) & (np.abs(t[np.minimum(at, stop - 1)] - due) <= rounding)
+        at = np.searchsorted(t, due - _rounding(due))
+        is_met = np.abs(t[at] - due) <= _rounding(due)
         is_shown[at[is_met]] = True
         is_shown[: self._done] = is_shown[stop:] = False
         due = due[~is_met]
-        pair = np.searchsorted(t, due) - 1
-        between = _cubics(due, rows, _ends(events), jumps)
-        for values, columns in self._observations:
-            self._put_observed(between, due, rows, values, columns)
-        between[:, self._discrete] = held[pair]
+        before = np.searchsorted(t, due) - 1
+        between = _cubics(due, rows, _beside(is_event))
+        for shown, columns in self._observations:
+            self._put_observed(between, before, rows, shown, columns)
+        between[:, self._discrete] = held[before]
         between[:, 0] = due
         every = np.concatenate([rows[is_shown], between])
-        order = np.lexsort((np.arange(len(every)), every[:, 0]))
-        self._add(array("d", every[order].tobytes()))
+        self._add(array("d", every[np.argsort(every[:, 0], kind="stable")].tobytes()))
         kept = max(0, stop - CUBIC_ROWS // 2 - 1)
         self._done = stop - kept
         self._waiting = array("d", rows[kept:].tobytes())
         self._written = clock.perf_counter()
 
-    def _due_times(self, end: float) -> Rows:
+    def _due_times(self, end: Any) -> Rows:
         """The next times of the grid up to one [s]."""
+        end += _rounding(end)
         number = max(0, math.floor((end - self._start) / self._spacing) + 2 - self._next)
         due = self._start + self._spacing * np.arange(self._next, self._next + number)
-        due = due[due <= end + 64 * np.spacing(abs(end))]
+        due = due[due <= end]
         self._next += len(due)
         return np.asarray(due)
 
@@ -151,55 +150,54 @@ class OutputGrid:
     def _put_observed(
         self,
         between: Rows,
-        due: Rows,
+        before: Rows,
         rows: Rows,
-        values: list[tuple[float, list[float]]],
+        shown: list[tuple[float, list[float]]],
         columns: Sequence[int],
     ) -> None:
-        """Interpolate columns between what a part has shown within steps, where it has."""
-        t, selected = rows[:, 0], [0, *columns]
-        del values[: sum(time <= t[0] for time, _ in values)]
-        shown = np.reshape([[time, *x] for time, x in values if time <= t[-1]], (-1, len(selected)))
-        at = np.searchsorted(t, shown[:, 0])
-        has = np.zeros(len(t) - 1, bool)
-        has[at - 1] = True
-        nodes = np.insert(rows[:, selected], at, shown, axis=0)
-        is_row = np.insert(np.ones(len(t), bool), at, np.zeros(len(at), bool))
-        ends = np.zeros(len(nodes), bool)
-        ends[is_row] = _ends(has)
-        times = nodes[:, 0]
-        jumps = np.abs(np.diff(times)) <= 64 * np.spacing(np.abs(times[1:]))
-        these = np.flatnonzero(has[np.searchsorted(t, due) - 1])
-        between[these[:, None], columns] = _cubics(due[these], nodes, ends, jumps)[:, 1:]
+        """Interpolate columns between what a part has shown within steps, where it has; `before` are the rows before."""
+        t = rows[:, 0]
+        del shown[: sum(time <= t[0] for time, _ in shown)]
+        inner = np.array([[time, *values] for time, values in shown if time <= t[-1]])
+        if not len(inner):
+            return
+        at = np.searchsorted(t, inner[:, 0])
+        nodes = np.insert(rows[:, [0, *columns]], at, inner, axis=0)
+        has = np.bincount(at - 1, minlength=len(t) - 1) > 0
+        ends = np.insert(_beside(has), at, np.zeros(len(at), bool))
+        these = np.flatnonzero(has[before])
+        between[these[:, None], columns] = _cubics(between[these, 0], nodes, ends)[:, 1:]
 
 
-def _ends(events: Flags) -> Flags:
-    """The rows before and behind events, which lie between one row and the next: no cubic reaches over them."""
+def _rounding(times: Any) -> Any:
+    """By how much times [s] may differ that are the same, see `coincide`."""
+    return 64 * np.spacing(np.abs(times))
+
+
+def _beside(events: Flags) -> Flags:
+    """The rows before and behind events, each between a row and the next."""
     return np.asarray(np.append(events, False) | np.append(False, events))
 
 
-def _cubics(due: Rows, nodes: Rows, ends: Flags, jumps: Flags) -> Rows:
+def _cubics(due: Rows, nodes: Rows, ends: Flags) -> Rows:
     """Values at times [s], shape (times, columns), on the cubic through the four nodes around each, if there are so many.
 
-    The times of the nodes stand first. No cubic reaches over one of the `ends`, or from a node to the next that `jumps`.
+    The times of the nodes stand first. No cubic reaches over one of the `ends`, nor over a time that is there twice.
     """
     t, numbers = nodes[:, 0], np.arange(len(nodes))
+    jumps = np.diff(t) <= _rounding(t[1:])
     begins = np.maximum.accumulate(np.where(ends | np.append(True, jumps), numbers, 0))
     stops = np.where(ends | np.append(jumps, True), numbers, len(nodes))
-    stops = np.minimum.accumulate(stops[::-1])[::-1]
     before = np.searchsorted(t, due) - 1
-    begin, stop = begins[before], stops[before + 1]
+    begin, stop = begins[before], np.minimum.accumulate(stops[::-1])[::-1][before + 1]
     first = np.maximum(np.minimum(before + 1 - CUBIC_ROWS // 2, stop + 1 - CUBIC_ROWS), begin)
     around = first[:, None] + np.arange(CUBIC_ROWS)
-    counts = around <= stop[:, None]
-    around = np.where(counts, around, before[:, None])
-    apart = due[:, None] - t[around]
-    values = np.zeros((len(due), nodes.shape[1]))
-    for a in range(CUBIC_ROWS):
-        weight = counts[:, a].astype(float)
-        for b in range(CUBIC_ROWS):
-            distance = t[around[:, a]] - t[around[:, b]]
-            both = counts[:, a] & counts[:, b] & (distance != 0.0)
-            weight[both] *= apart[both, b] / distance[both]
-        values += weight[:, None] * nodes[around[:, a]]
-    return values
+    is_node = around <= stop[:, None]
+    around = np.minimum(around, stop[:, None])
+    distances = t[around][:, :, None] - t[around][:, None, :]
+    counts = is_node[:, None, :] & (distances != 0.0)
+    ahead = (due[:, None] - t[around])[:, None, :]
+    weights = is_node * np.divide(ahead, distances, where=counts, out=np.ones(counts.shape)).prod(
+        axis=2
+    )
+    return np.asarray(sum(weights[:, k, None] * nodes[around[:, k]] for k in range(CUBIC_ROWS)))

@@ -36,7 +36,34 @@ class StepAndStop(NamedTuple):
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How a system is run, see `run`: all that a run takes and what may stand in its way judges."""
+    """How a system is run.
+
+    Attributes
+    ----------
+    stop, start
+        When the run ends and begins [s].
+    step
+        The communication step [s], or adaptive steps.
+    algorithm
+        The coupling algorithm, one of `ALGORITHMS`.
+    order
+        The order in which Gauss-Seidel and Strang step the parts. By default each part steps after those that drive
+        it, or as declared where that is impossible.
+    input_order
+        The degree of the polynomials that Real inputs follow within a step; 0 holds them.
+    substeps
+        Sub-steps of a communication step, by part.
+    tolerance
+        The relative tolerance that FMUs get. By default it is the one that the default experiment of each FMU
+        states, or that of the adaptive steps.
+    record
+        The columns, by default all outputs.
+    output_step
+        The distance of the rows [s].
+    stop_time_defined
+        Whether the FMUs are told the stop time before the start. Some then compute all of the run in their first
+        step, so that by default only an FMU that does not initialise without it is told it.
+    """
 
     stop: float
     step: float | Adaptive

@@ -112,7 +112,7 @@ def test_members_have_the_bits_of_single_runs(choice: dict[str, Any], fmus: Path
         assert ensemble.result(k).data.tobytes() == single.data.tobytes()
         assert ensemble.result(k).energy == single.energy
         for bond, energy in single.energy.items():
-            assert ensemble.energy[bond][k].tolist() == [
+            assert list(ensemble.runs[k].energy[bond]) == [
                 energy[key] for key in ("given", "taken", "exchanged")
             ]
 
