@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -126,7 +125,8 @@ class Facts(NamedTuple):
     shown: Mapping[str, Sequence[tuple[str, str]]]
 
 
-class Member(NamedTuple):
+@dataclass(frozen=True)
+class Member:
     """What one run of an ensemble gives: of its number the rows, shape (rows, columns), and why it failed, if it did.
 
     Of one that never began there are no `facts`. `energy` is given, taken and exchanged over each power bond [J];
@@ -137,9 +137,9 @@ class Member(NamedTuple):
     rows: Array
     reason: str = ""
     warnings: Sequence[str] = ()
-    energy: Mapping[str, tuple[float, float, float]] = MappingProxyType({})
+    energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     facts: Facts | None = None
-    figures: Mapping[str, float] = MappingProxyType({})
+    figures: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class Ensemble:
         rows = np.full(shape, np.nan)
         for k, run in enumerate(self.runs):
             rows[k, : len(run.rows)] = run.rows
-            self.runs[k] = run._replace(rows=rows[k, : len(run.rows)])
+            self.runs[k] = replace(run, rows=rows[k, : len(run.rows)])
         return rows
 
     @cached_property
