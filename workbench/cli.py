@@ -8,6 +8,7 @@ import sys
 from argparse import ArgumentTypeError, BooleanOptionalAction, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cosim import SetupError
 from cosim.cli.options import Parser, exit_code
@@ -16,6 +17,9 @@ from cosim.units import read_quantity
 from . import catalog
 from .catalog import QuestionError, as_question_errors
 from .project import FLAVOURS, Project
+
+if TYPE_CHECKING:
+    from .question import Question
 
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
 #: of this project.
@@ -69,30 +73,14 @@ def show_list(argv: Sequence[str], project: Project, program: str) -> int:
 
 def run(argv: Sequence[str], project: Project, program: str) -> int:
     """Answer one question, print the answer and write its files; REFUSED if it is not determined."""
-    names = ", ".join(catalog.names(project.home))
-    top = Parser(
-        prog=f"{program} run",
-        usage=f"{program} run NAME|FILE.py [options]",
-        description=f"Answer a question: one of {names}, or a file of your own.",
-        epilog=f"{program} run NAME --help lists the options of a question.",
-    )
-    top.add_argument("question", metavar="NAME|FILE.py")
-    question = project.load(top.parse_args(argv[:1]).question)
-    from .export import (
-        print_and_write,
-    )  # with NumPy and FMPy, which a list of the questions does not need
-    from .options import add_arguments, declared
+    question = _question(argv, project, f"{program} run", "Answer a question")
+    from .export import print_and_write  # with NumPy and FMPy, which a list does not need
+    from .options import declared
     from .run import ask
     from .runs.folder import reservation
     from .study.tolerance import study_file, with_tolerances
 
-    parser = Parser(
-        prog=f"{program} run {argv[0]}",
-        description=question.module.__doc__,
-        formatter_class=RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    add_arguments(parser, question)
+    parser = _parser_of(question, f"{program} run {argv[0]}")
     _add_common(parser, "results/NAME, or NAME/SET")
     parser.add_argument(
         "--animate", action="store_true", help="also write the motions as GIF files"
@@ -132,27 +120,18 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
 
 def find_values(argv: Sequence[str], project: Project, program: str) -> int:
     """Print for which values of inputs a figure of a question reaches a level."""
-    top = Parser(
-        prog=f"{program} find",
-        usage=f'{program} find NAME|FILE.py --vary NAME=LOW:HIGH --until "FIGURE = VALUE UNIT" [options]',
-        description="Find where a figure reaches a level, over one input after the other.",
-    )
-    top.add_argument("question", metavar="NAME|FILE.py")
-    question = project.load(top.parse_args(argv[:1]).question)
+    what = "Find where a figure reaches a level, over one input after the other, of a question"
+    question = _question(argv, project, f"{program} find", what)
     from cosim import System
     from cosim.cli.options import assignment
     from cosim.system import connect
 
     from .context import Context
-    from .options import add_arguments, declared
+    from .options import declared
     from .remedies import values_until
     from .study.file import read_find
 
-    parser = Parser(
-        prog=top.prog, usage=top.usage, description=question.module.__doc__,
-        formatter_class=RawDescriptionHelpFormatter, allow_abbrev=False,
-    )  # fmt: skip
-    add_arguments(parser, question)
+    parser = _parser_of(question, f"{program} find {argv[0]}")
     parser.add_argument(
         "--vary", action="append", required=True, metavar="NAME=LOW:HIGH",
         help="an option or a start value, and its range (repeatable: one after the other)",
@@ -176,6 +155,34 @@ def find_values(argv: Sequence[str], project: Project, program: str) -> int:
         for line in values_until(question.parse(options), Context(fmus), args["until"], varied):
             print(line)
     return 0
+
+
+def _question(
+    argv: Sequence[str], project: Project, program: str, description: str
+) -> type[Question]:
+    """The question that a command line begins with."""
+    top = Parser(
+        prog=program,
+        usage=f"{program} NAME|FILE.py [options]",
+        description=f"{description}: one of {', '.join(catalog.names(project.home))}, or a file of your own.",
+        epilog=f"{program} NAME --help lists the options of a question.",
+    )
+    top.add_argument("question", metavar="NAME|FILE.py")
+    return project.load(top.parse_args(argv[:1]).question)
+
+
+def _parser_of(question: type[Question], program: str) -> Parser:
+    """What reads the options of a question."""
+    from .options import add_arguments
+
+    parser = Parser(
+        prog=program,
+        description=question.module.__doc__,
+        formatter_class=RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_arguments(parser, question)
+    return parser
 
 
 def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -> SetupError:

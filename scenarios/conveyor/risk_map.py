@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from workbench import Chart, Curve, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import GridAxis, HeatMap, Level, Look, Span
+from workbench.study.words import stretches_of
 
 from .orbit import Drive
 from .parameter_plane import Plane
@@ -64,15 +64,11 @@ class Map(NamedTuple):
 
 def stretches(along: GridAxis, good: NDArray[np.bool_]) -> str:
     """The values of an axis that are good, as from .. to of those next to each other."""
-    groups = groupby(zip(good, along.values), lambda pair: pair[0])
-    runs = [[x for _, x in group] for ok, group in groups if ok]
-    texts = [
-        f"{run[0]:.3g} {along.unit}"
-        if len(run) == 1
-        else f"{run[0]:.3g} .. {run[-1]:.3g} {along.unit}"
-        for run in runs
-    ]
-    return " and ".join(texts)
+    return " and ".join(
+        " .. ".join(f"{x:.3g}" for x in dict.fromkeys(along.values[[*ends]].tolist()))
+        + f" {along.unit}"
+        for ends in stretches_of(good)
+    )
 
 
 def maps(r: Map, limit: float) -> list[HeatMap]:

@@ -18,14 +18,14 @@ from cosim.errors import pluralize
 from ..answer import Answer, Show
 from ..charts.model import Chart, Mark, Panel
 from ..files import remove, replacement
-from ..judgement import Judgement, bounded, capital, share_text
+from ..judgement import Judgement, bounded, capital
 from ..options import parse_starts
 from ..project import Project
 from ..run import JUDGED
 from . import charts
 from .file import load
 from .run import run
-from .words import interval
+from .words import count_text, interval
 
 #: A tolerance as it is written: of a normal distribution or a uniform one, a width or percents.
 TOLERANCE = re.compile(r"(normal:)?(\+-)?([^%]+?)\s*%?")
@@ -116,12 +116,7 @@ def with_tolerances(
 
 def share_line(judgement: Judgement, flags: Any) -> str:
     """Return for how many machines a judgement is yes, with the interval of the share; what is not known may be either."""
-    number, yes, unknown = len(flags), int((flags == 1.0).sum()), int(np.isnan(flags).sum())
-    low, high = interval(yes, number)[0], interval(yes + unknown, number)[1]
-    share = f"{share_text(low)} to {share_text(high)}"
-    if low <= 0.0 or high >= 1.0:
-        share = f"at most {share_text(high)}" if low <= 0.0 else f"at least {share_text(low)}"
+    yes, unknown = int((flags == 1.0).sum()), int(np.isnan(flags).sum())
+    text = count_text(yes, len(flags), "machine", *interval(yes, len(flags), unknown))
     near = f"; not determined in {unknown}" if unknown else ""
-    return capital(
-        f"{judgement.what}: yes in {yes} of {pluralize(number, 'machine')} ({share}{near})"
-    )
+    return capital(f"{judgement.what}: yes in {text}{near}")

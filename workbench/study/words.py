@@ -8,6 +8,7 @@ Sobol's are spread more evenly than random ones, for which the interval holds.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from cosim.rounding import rounded, unit_suffix
 
 from ..answer import Table
 from ..figure import MOST_DIGITS
+from ..judgement import share_text
 from ..options import Option
 from . import charts
 from .file import Study
@@ -48,20 +50,35 @@ class Share(NamedTuple):
     high: float
 
     def text(self) -> str:
-        """The share in words, "2 of 128 runs (1.6 %, 95 % interval 0.2 to 5.5 %)"."""
-        share = ""
-        if not np.isnan(self.low):
-            low, high = (f"{100.0 * x:.3g}" for x in (self.low, self.high))
-            of_runs = 100.0 * self.above / self.runs
-            share = f" ({of_runs:.3g} %, 95 % interval {low} to {high} %)"
+        """The share in words, "2 of 128 runs (0.2 % to 5.5 %)"."""
         near = f", and the limit lies within the error of {self.open} more" if self.open else ""
-        return f"{self.above} of {pluralize(self.runs, 'run')}{share}{near}"
+        return f"{count_text(self.above, self.runs, 'run', self.low, self.high)}{near}"
 
 
-def interval(count: int, number: int) -> tuple[float, float]:
-    """The interval of Clopper and Pearson for the share of which so many of a number of samples were found."""
-    found = binomtest(count, number).proportion_ci(CONFIDENCE, "exact")
-    return float(found.low), float(found.high)
+def interval(count: int, number: int, more: int = 0) -> tuple[float, float]:
+    """The interval of Clopper and Pearson for the share of which so many of a number of samples were found, or `more`."""
+    low, high = (
+        binomtest(x, number).proportion_ci(CONFIDENCE, "exact") for x in (count, count + more)
+    )
+    return float(low.low), float(high.high)
+
+
+def count_text(
+    count: int, number: int, what: str, low: float = math.nan, high: float = math.nan
+) -> str:
+    """How many of what were found, with the interval of their share if it is known, "2 of 128 runs (0.2 % to 5.5 %)"."""
+    text = f"{count} of {pluralize(number, what)}"
+    if math.isnan(low):
+        return text
+    if low <= 0.0 or high >= 1.0:
+        return f"{text} ({f'at most {share_text(high)}' if low <= 0.0 else f'at least {share_text(low)}'})"
+    return f"{text} ({share_text(low)} to {share_text(high)})"
+
+
+def stretches_of(holds: Flags) -> list[tuple[int, int]]:
+    """The first and the last number of each stretch over which flags hold."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
+    return [(int(first), int(last) - 1) for first, last in edges.reshape(-1, 2)]
 
 
 def share_above(study: Study, table: Table, name: str, limit: float, rows: Flags) -> Share:
@@ -73,11 +90,10 @@ def share_above(study: Study, table: Table, name: str, limit: float, rows: Flags
     rows = rows & np.isfinite(y)
     above = rows & (y - error > limit)
     near = rows & ~above & (y + error > limit)
-    low, high = np.nan, np.nan
-    if study.sampling is not None and rows.any():
-        low = interval(int(above.sum()), int(rows.sum()))[0]
-        high = interval(int((above | near).sum()), int(rows.sum()))[1]
-    return Share(name, limit, int(above.sum()), int(near.sum()), int(rows.sum()), low, high)
+    count, more, number = (int(x.sum()) for x in (above, near, rows))
+    is_sample = study.sampling is not None and number
+    ends = interval(count, number, more) if is_sample else (np.nan, np.nan)
+    return Share(name, limit, count, more, number, *ends)
 
 
 def shares_above_limits(
@@ -149,8 +165,7 @@ def stretches(study: Study, table: Table, rows: Flags, flags: Flags) -> str:
     at, holds = at[rows][order], flags[rows][order]
     if holds.all() or not holds.any():
         return ""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
-    pairs = [(at[begin], at[end - 1]) for begin, end in edges.reshape(-1, 2)]
+    pairs = [(at[first], at[last]) for first, last in stretches_of(holds)]
     unit = unit_suffix(table.units[x])
     if len(pairs) > MOST_STRETCHES:
         return f"; for {x} in {len(pairs)} stretches between {_number(pairs[0][0])} and {_number(pairs[-1][1])}{unit}"
@@ -169,12 +184,12 @@ def sentence(study: Study, table: Table, name: str) -> str:
 def _yes_or_no(study: Study, table: Table, name: str, y: NDArray[Any], rows: Flags) -> str:
     """How often a figure is yes, and where: over one input from where to where, of samples with the share's interval."""
     yes, number = int(y[rows].sum()), int(rows.sum())
-    text = f"{name}: yes in {yes} of {pluralize(number, 'run')}"
+    ends = interval(yes, number) if study.sampling and not study.grid else ()
+    text = f"{name}: yes in {count_text(yes, number, 'run', *ends)}"
     if study.sampling is None:
         return text + stretches(study, table, rows, y == 1.0)
     if not study.grid:
-        low, high = interval(yes, number)
-        return f"{text} ({100.0 * yes / number:.3g} %, 95 % interval {100.0 * low:.3g} to {100.0 * high:.3g} %)"
+        return text
     x = next(iter(study.grid))
     if len(study.grid) > 1 or table.columns[x].dtype.kind not in "if":
         return text
