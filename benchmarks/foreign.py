@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from cosim import System, run
-from workbench.runs.worker import OK, CallWorker, Outcome
+from cosim.calls import OK, Caller, Outcome
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/foreign.md", "Third-party FMUs")
@@ -109,14 +109,14 @@ def largest_relative_difference(ours: pd.DataFrame, theirs: pd.DataFrame) -> flo
     return float(np.nanmax(np.abs(a - b) / scale, initial=0.0))
 
 
-def row(worker: CallWorker, path: Path, folder: Path) -> list[str]:
+def row(caller: Caller, path: Path, folder: Path) -> list[str]:
     """What stands of an FMU in the table."""
     label = f"{path.relative_to(folder).parts[0]}: {path.name}"
     try:
         tool, task = experiment(path)
     except Exception as error:  # noqa: BLE001
         return [label, "", f"not tried: {str(error).splitlines()[0][:120]}"]
-    ours, theirs = (worker.do(method, task, PATIENCE) for method in (by_master, by_fmpy))
+    ours, theirs = (caller.do(method, task, PATIENCE) for method in (by_master, by_fmpy))
     if ours.status != OK:
         peer = "runs" if theirs.status == OK else "refused too"
         return [label, tool, f"refused: {reason(ours)}; FMPy {peer}"]
@@ -137,11 +137,11 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="of FMUs")
     parser.add_argument("--out", type=Path, help="write the table there")
     options = parser.parse_args()
-    table, worker = [], CallWorker()
+    table, caller = [], Caller()
     for path in sorted(options.folder.rglob("*.fmu")):
-        table.append(row(worker, path, options.folder))
+        table.append(row(caller, path, options.folder))
         print(" | ".join(table[-1]), flush=True)
-    worker.close()
+    caller.close()
     if options.out is not None:
         head = ["| FMU | Tool | Deviation from FMPy |", "|---|---|---|"]
         lines = [f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |" for cells in table]

@@ -154,7 +154,7 @@ MUTANTS = (
            "workbench/figure.py", "np.concatenate([one, -one, np.array([*product(*signs)])])", "np.concatenate([one, -one])",
            f"{FIGURE} tests/workbench/test_numbers.py"),
     Mutant("journal: the arrays of a resumed row are in reverse",
-           "workbench/runs/journal.py", "numbers = iter(values[1:])", "numbers = iter(values[:0:-1])",
+           "cosim/journal.py", 'np.array(tree["array"], float)', 'np.array(tree["array"][::-1], float)',
            "tests/workbench/test_journal.py tests/workbench/test_runs.py"),
     Mutant("metrics: a mean is the integral over the time from 0 instead of over its stretch",
            "cosim/metrics.py", "curves.integral() / float(curves.t[-1] - curves.t[0])", "curves.integral() / float(curves.t[-1])",

@@ -23,7 +23,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from shutil import rmtree
-from typing import Any, Concatenate, NamedTuple
+from typing import Any, Concatenate, Literal, NamedTuple
 
 from .scratch import scratch
 
@@ -54,8 +54,10 @@ class Death(NamedTuple):
 class Child:
     """A process that does work(pipe, *arguments), and our end of the pipe.
 
-    One that is `apart` does not import the script that starts it, and what it prints are its last words. Raises OSError,
-    and leaves nothing, where no process can be started.
+    One that is apart does not import the script that starts it, what it prints are its last words, and its BLAS has one
+    thread. A process is killed that is silent for longer than its `limit` [s], or takes longer for a task if this is what
+    it `limits`; both count from the first message after a task was given. Raises OSError, and leaves nothing, where no process can be
+    started.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class Child:
         work: Callable[Concatenate[Connection, ...], None],
         *arguments: Any,
         is_apart: bool = False,
+        limits: Literal["silence", "task"] = "silence",
     ) -> None:
         with ExitStack() as undo:
             self._folder = Path(tempfile.mkdtemp(dir=scratch()))
@@ -77,8 +80,22 @@ class Child:
             with its, _without_ctrl_c(is_apart=is_apart):
                 self.process.start()
             undo.pop_all()
-        self.heard = clock.monotonic()
-        self._reason, self._told_to_stop = "", math.inf
+        self.limit, self._limits = math.inf, limits
+        self.heard: float | None = None
+        self.why_killed, self._told_to_stop = "", math.inf
+
+    def give(self, *pieces: bytes | memoryview[int]) -> None:
+        """Let the process have a task; one that has died is seen by who reads its messages."""
+        self.heard = None
+        with suppress(OSError):
+            for piece in pieces:
+                self.pipe.send_bytes(piece)
+
+    def left(self) -> float | None:
+        """Seconds until it is killed, None if it never is."""
+        if self.heard is None or self.limit == math.inf:
+            return None
+        return max(self.heard + self.limit - clock.monotonic(), 0.0)
 
     def messages(self, patience: float = 0.0) -> Iterator[Any]:
         """What the process has sent, waiting so long for it [s]; at its end a `Death` is the last."""
@@ -89,18 +106,16 @@ class Child:
         try:
             while self.pipe.poll():
                 message = self.pipe.recv()
-                self.heard = clock.monotonic()
+                if self.heard is None or self._limits == "silence":
+                    self.heard = clock.monotonic()
                 yield message
         except (EOFError, OSError):
             is_alive = False
             self.process.join(GRACE)
         if not is_alive:
-            yield Death(self._reason or death(self.process))
-
-    def kill_if_silent(self, limit: float) -> None:
-        """Kill the process if it has been silent for longer [s]."""
-        if not self._reason and clock.monotonic() > self.heard + limit:
-            self._reason = f"did not respond for {limit:g} s and was ended"
+            yield Death(self.why_killed or death(self.process))
+        elif self.left() == 0.0 and not self.why_killed:
+            self.why_killed = f"did not respond for {self.limit:g} s and was ended"
             self.process.kill()
 
     def pass_on(self, stops: Sequence[int]) -> None:
@@ -189,6 +204,7 @@ def _live(
         output = os.open(Path(folder) / OUTPUT_FILE, os.O_WRONLY | os.O_APPEND)
         for stream in (1, 2):
             os.dup2(output, stream)
+        os.environ.update({name: "1" for name in os.environ if name.endswith("_NUM_THREADS")})
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=_exit_with_parent, args=(parent.sentinel, folder), daemon=True).start()

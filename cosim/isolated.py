@@ -6,7 +6,6 @@ import json
 import logging
 import math
 import signal
-import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -167,17 +166,14 @@ def _messages(
     one: Child, pressed: Sequence[int], *, timeout: float, csv: Path, before: list[int]
 ) -> Iterator[Any]:
     """What the child sends until it ends; passes Ctrl-C on until it reacts."""
-    has_begun = False
     while True:
+        one.limit = GRACE
+        if one.left() != 0.0 or not _is_run_over(csv, before):
+            one.limit = timeout
         for message in one.messages(PIPE_PATIENCE):
-            has_begun = True
             yield message
             if isinstance(message, Death):
                 return
-        if has_begun:
-            one.kill_if_silent(timeout)
-            if clock.monotonic() > one.heard + GRACE and _is_run_over(csv, before):
-                one.kill_if_silent(GRACE)
         one.pass_on(pressed)
 
 

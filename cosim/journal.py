@@ -1,4 +1,4 @@
-"""What is done of many runs, in a file of numbers: figures and one text of each run, which any kill leaves readable.
+"""What is done of many runs, in a file: figures and one text of each run, or outcomes of calls, which any kill leaves readable.
 
 The file begins with a line of JSON, which says to which runs it belongs. A record has the number of the run, how many
 figures and how many bytes of text follow, these, and a checksum of all that. Reading a file executes nothing of it; a
@@ -9,11 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +25,9 @@ import numpy as np
 from filelock import lock_descriptor
 from numpy.typing import NDArray
 
-from .errors import SetupError
-from .result import open_unlinked
+from .calls import OK, STATUSES, Outcome
+from .errors import SetupError, pluralize
+from .result import Result, SimulationError, open_unlinked
 
 Array = NDArray[np.float64]
 #: Bytes of the checksum of a record. Chosen: of 2^64 damaged ones, one is taken for sound.
@@ -40,6 +45,8 @@ MAX_SHOWN = 40
 #: Whether a run has this number, and may have these figures and this text.
 IsSound = Callable[[int, Array, str], bool]
 DIGEST = re.compile(r"\{?[0-9a-f-]{16,}\}?")
+#: The journal of outcomes in a folder.
+OUTCOMES = "journal.runs"
 
 
 class Journal:
@@ -220,7 +227,120 @@ def _text(value: object) -> str:
     return "there" if _is_digest(value) else repr(value)
 
 
-def digest(path: Path) -> str:
-    """A checksum of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def digest(content: bytes) -> str:
+    """A checksum of a content."""
+    return hashlib.sha256(content).hexdigest()
+
+
+@cache
+def code(*packages: str) -> dict[str, str]:
+    """A checksum of each source file of these packages."""
+    return {
+        f"{package}/{path.relative_to(folder).as_posix()}": digest(path.read_bytes())
+        for package in packages
+        if (spec := find_spec(package))
+        for folder in map(Path, spec.submodule_search_locations or ())
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".py", ".c")
+    }
+
+
+class RunFailedError(SimulationError):
+    """A task that did not come to its end."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message, Result([], {}, np.empty((0, 0)).__getitem__))
+
+
+class OutcomeJournal(dict[int, Outcome]):
+    """Outcomes of calls by number, of this session and of those before, in the order in which they came.
+
+    An outcome whose answer has other types than lists, tuples, arrays of numbers, and what JSON knows is not kept.
+    """
+
+    def __init__(self, path: Path, file: Journal, is_sound: Callable[[Any], bool]) -> None:
+        super().__init__()
+        self.path, self._file, self._asked = path, file, 0
+        for number, (_, text) in file.rows.items():
+            try:
+                super().__setitem__(number, _outcome(text, is_sound))
+            except (ValueError, TypeError, LookupError, AttributeError, RecursionError):
+                file.damaged.append(number)
+        if file.damaged:
+            rows = pluralize(len(file.damaged), "row")
+            ends = "is damaged; it is" if len(file.damaged) == 1 else "are damaged; they are"
+            print(f"{path}: {rows} {ends} done again", file=sys.stderr)
+
+    def __setitem__(self, number: int, outcome: Outcome) -> None:
+        try:
+            text = json.dumps(_tree(tuple(outcome)))
+        except TypeError:
+            return
+        super().__setitem__(number, outcome)
+        self._file.add([number], np.empty((1, 0)), [text])
+
+    def numbers(self, count: int) -> range:
+        """The numbers of the next runs of a session whose runs come in the same sequence each time."""
+        self._asked += count
+        return range(self._asked - count, self._asked)
+
+    def interruption(self) -> KeyboardInterrupt:
+        """An interruption that says what is kept."""
+        rows = pluralize(len(self), "row")
+        return KeyboardInterrupt(f"{rows} in {self.path}; the same command continues")
+
+
+def _tree(value: Any) -> Any:
+    """A value for JSON; raises TypeError for one of other types."""
+    if isinstance(value, np.ndarray) and value.dtype == float:
+        return {"array": value.ravel().tolist(), "shape": value.shape}
+    if type(value) in (list, tuple):
+        items = [_tree(item) for item in value]
+        return {"tuple": items} if isinstance(value, tuple) else items
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(type(value))
+
+
+def _value(tree: dict[str, Any]) -> Any:
+    """The array or the tuple that `_tree` made this of."""
+    if "tuple" in tree:
+        return tuple(tree["tuple"])
+    return np.array(tree["array"], float).reshape(tree["shape"])
+
+
+def _outcome(text: str, is_sound: Callable[[Any], bool]) -> Outcome:
+    """The outcome that a row tells; raises ValueError, TypeError, LookupError or AttributeError for none."""
+    outcome = Outcome(*json.loads(text, object_hook=_value))
+    texts = outcome.message, outcome.trace
+    if outcome.status not in STATUSES or not all(isinstance(x, str) for x in texts):
+        raise ValueError(text)
+    if math.isnan(outcome.seconds) or (outcome.status == OK and not is_sound(outcome.answer)):
+        raise ValueError(text)
+    return outcome
+
+
+@contextmanager
+def open_outcomes(
+    folder: Path,
+    identity: Mapping[str, Any],
+    is_sound: Callable[[Any], bool] = lambda _: True,
+    *,
+    passing: bool = False,
+) -> Iterator[OutcomeJournal]:
+    """The journal in this folder of answers that are sound, begun or gone on with; it raises what `open_journal` does.
+
+    That of a sweep is `passing`: it drops rows of another identity, says on stderr what becomes of rows that are
+    there, and goes when the sweep ends well. Rows that are damaged are done again, which is said on stderr.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / OUTCOMES
+
+    def dropped(reason: str) -> None:
+        print(f"{reason}; they are dropped", file=sys.stderr)
+
+    with open_journal(path, identity, keep=not passing, drop=dropped if passing else None) as file:
+        journal = OutcomeJournal(path, file, is_sound)
+        if passing and journal:
+            print(f"{folder}: {pluralize(len(journal), 'row')} already there", file=sys.stderr)
+        yield journal

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import time as clock
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from multiprocessing import RawValue
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
 from pickle import PicklingError
 from typing import Any, NamedTuple
 
@@ -56,10 +56,8 @@ class Job:
 
     def give(self, chunk: Chunk) -> None:
         """Let the process work on a chunk."""
-        self.chunk, self.done, self.child.heard = chunk, 0, clock.monotonic()
-        self.member.value = NOBODY
-        with suppress(OSError):
-            self.child.pipe.send(chunk)
+        self.chunk, self.done, self.member.value = chunk, 0, NOBODY
+        self.child.give(ForkingPickler.dumps(chunk))
 
 
 def in_processes(batch: Batch) -> Iterator[Ensemble]:
@@ -79,14 +77,11 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
                 running.append(_start(batch))
             wait([job.child.pipe for job in running], PATIENCE)
             for job in running:
+                is_closing = job.member.value == CLOSING
+                job.child.limit = min(batch.timeout, GRACE) if is_closing else batch.timeout
                 for block in _answers(job, running, batch, told):
                     finished += len(block)
                     yield replace(block, cases=batch.cases)
-                if job.is_ready:
-                    is_closing = job.member.value == CLOSING
-                    job.child.kill_if_silent(
-                        min(batch.timeout, GRACE) if is_closing else batch.timeout
-                    )
             batch.report((finished + sum(job.done for job in running)) / batch.members)
     for text in sorted(told):
         log.error("%s; no run is lost", text)
@@ -193,6 +188,7 @@ def _serve(
             worker = Worker(setup, member)
             pipe.send(("ready", None))
             while (chunk := pipe.recv()) is not None:
+                pipe.send(("progress", 0))
                 block = task.evaluate(worker, cases, chunk, progress)
                 pipe.send(("block", (replace(block, cases=NO_CASES), not worker.abandoned)))
                 if worker.abandoned:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -310,13 +309,13 @@ def _identity(
     content = repr([(name, column.tolist()) for name, column in zip(cases.names, cases.columns)])
     system = network.system
     return {
-        "FMUs": {name: digest(fmu.path) for name, fmu in network.fmus.items()},
+        "FMUs": {name: digest(fmu.path.read_bytes()) for name, fmu in network.fmus.items()},
         "wires": [str(wire) for wire in system.wires],
         "start values": repr(dict(system.start)),
         "inputs": repr({port.name: profile.provenance() for port, profile in network.inputs}),
         "changes": list(system.changes),
         "settings": repr(settings),
-        "cases": hashlib.sha256(content.encode()).hexdigest(),
+        "cases": digest(content.encode()),
         "figures": repr(figures),
         "versions": versions(),
     }

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from fmpy import __version__ as fmpy_version
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
@@ -79,15 +80,12 @@ def write_example(fmu: Path, folder: Path) -> str:
     name, values = fmu.stem, rows.values
     time, step = values.t, float(values.t[1] - values.t[0])
     names = values.names[1 : 1 + MOST_VARIABLES]
-    write_csv(
-        folder / f"{name}_ref.csv",
-        ["time", *names],
-        np.column_stack([time, *(values.numbers(n) for n in names)]),
-    )
+    table = pd.DataFrame({"time": time} | {n: values.numbers(n) for n in names})
+    write_table(table, folder / f"{name}_ref.csv")
     inputs = {v.name: number(v.start) for v in about.modelVariables if v.causality == "input"}
     if inputs:
-        ends = np.array([[t, *inputs.values()] for t in (time[0], time[-1])])
-        write_csv(folder / f"{name}_in.csv", ["time", *inputs], ends)
+        table = pd.DataFrame({"time": time[[0, -1]], **inputs}, dtype=float)
+        write_table(table, folder / f"{name}_in.csv")
     options = {
         "StartTime": time[0],
         "StopTime": time[-1],
@@ -97,14 +95,8 @@ def write_example(fmu: Path, folder: Path) -> str:
     }
     text = "".join(f"{key}, {float(value)!r}\n" for key, value in options.items())
     (folder / f"{name}_ref.opt").write_text(text, encoding="utf-8")
-    kinds = [
-        kind
-        for kind, has in (
-            ("co-simulation", about.coSimulation),
-            ("model exchange", about.modelExchange),
-        )
-        if has
-    ]
+    sides = {"co-simulation": about.coSimulation, "model exchange": about.modelExchange}
+    kinds = [kind for kind, side in sides.items() if side]
     (folder / "Readme.txt").write_text(
         f"{name}: {about.description}.\n\nFMI {about.fmiVersion}, {' and '.join(kinds)}, with its default experiment and constant inputs. "
         f"Validated and simulated with FMPy {fmpy_version}.\n",
@@ -133,11 +125,8 @@ def number(start: str) -> float:
     return float({"true": "1", "false": "0"}.get(start, start))
 
 
-def write_csv(path: Path, names: list[str], rows: Any) -> None:
+def write_table(table: pd.DataFrame, path: Path) -> None:
     """Write names in quotes and numbers; raises ValueError for a file that is too large."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
-        writer.writerow(names)
-        writer.writerows(rows.tolist())
+    table.to_csv(path, index=False, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n")
     if path.stat().st_size > MOST_BYTES:
         raise ValueError(f"{path} has {path.stat().st_size} bytes, more than {MOST_BYTES}")

@@ -8,8 +8,7 @@ import os
 
 from cosim.names import load_on_request
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-for variable in THREADS:
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
 __getattr__, __dir__, __all__ = load_on_request(__name__, __file__)

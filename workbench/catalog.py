@@ -100,7 +100,10 @@ def unload(module: ModuleType) -> None:
         sys.modules.pop(module.__name__, None)
 
 
-load_cached = cache(load_module)
+@cache
+def load_cached(locator: str) -> ModuleType:
+    """What `load_module` returns, loaded once."""
+    return load_module(locator)
 
 
 def find(home: Path | None, text: str, folder: Path = Path()) -> str:

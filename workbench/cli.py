@@ -201,9 +201,10 @@ def misplaced(word: str, words: Sequence[str], flags: Sequence[str], who: str) -
 
 def study(argv: Sequence[str], project: Project, program: str) -> int:
     """Run the study of a file and print its answer; 1 if no run succeeded."""
+    from cosim.calls import OK
+
     from . import study as studies  # with NumPy, SciPy and pandas
     from .export import print_and_write
-    from .runs.worker import OK
 
     parser = Parser(
         prog=f"{program} study",

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import cosim
 from cosim import Estimate, Result, SetupError, System
 from cosim.errors import pluralize
+from cosim.journal import OutcomeJournal
 from cosim.metrics import Metric
 from cosim.progress import bar
 from cosim.result import partial as partial_file
@@ -24,7 +25,6 @@ from .answer import Table
 from .figure import Figure
 from .files import stream
 from .options import RunOptions
-from .runs.journal import OutcomeJournal
 from .runs.runner import Runner
 
 #: Does every run in this process.

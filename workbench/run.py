@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 
 import cosim
 from cosim import SetupError, System
+from cosim.calls import OK, Outcome, failure
+from cosim.journal import OutcomeJournal, open_outcomes
 from cosim.system import connect
 
 from . import catalog, export, live
@@ -33,11 +35,9 @@ from .options import at_least, check_fixed_starts
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
 from .remedies import search_for
-from .runs.fingerprint import computation
 from .runs.folder import reservation
-from .runs.journal import OutcomeJournal, open_journal
+from .runs.identity import computation
 from .runs.runner import Runner
-from .runs.worker import OK, Outcome, failure
 
 #: What judgement number k of an answer is called among figures.
 JUDGED = "judgement_{}"
@@ -199,12 +199,12 @@ def found(
             if out is None:
                 return None
             own = [] if question.own_files else [question.module.__name__.partition(".")[0]]
-            fingerprint = {
+            identity = {
                 "options": {name: repr(x.value) for name, x in option_values(o).items()},
                 "start": dict(o.start),
                 **computation(question.locator, fmus, *(runner.packages or own)),
             }
-            return stack.enter_context(open_journal(out, fingerprint, passing=True))
+            return stack.enter_context(open_outcomes(out, identity, passing=True))
 
         yield _complete(question, o.solve(Context(fmus, runner, out, journal)))
 

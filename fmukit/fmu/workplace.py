@@ -10,7 +10,7 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import wait
@@ -119,10 +119,12 @@ def results(
 
 
 def _begin_worker(folder: Path) -> None:
-    """Make this process one that works for a build: the build hears Ctrl-C, and this ends with it."""
+    """Make this process one that works for a build: the build hears Ctrl-C, and this ends with it and takes its compilers along."""
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
+    if sys.platform != "win32":
+        os.setsid()
+        signal.signal(signal.SIGTERM, _leave)
     tempfile.tempdir = str(folder)
     # what the compiler keeps of a model goes with the folder; else its cache grows for ever
     os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", str(folder / "zig"))
@@ -133,37 +135,14 @@ def _leave_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
+    _leave()
 
 
 def _leave(*_: object) -> None:
     """End this process and those that it has begun: a compiler and what that begins."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    begun: list[int] = []
-    while new := [process for process in _descendants(os.getpid()) if process not in begun]:
-        _send(new, signal.SIGSTOP)  # so that none begins another one meanwhile
-        begun += new
-    _send(begun, signal.SIGKILL)
+    if sys.platform != "win32":
+        os.killpg(0, signal.SIGKILL)
     os._exit(1)
-
-
-def _send(processes: Iterable[int], number: signal.Signals) -> None:
-    for process in processes:
-        with suppress(OSError):
-            os.kill(process, number)
-
-
-def _descendants(process: int) -> list[int]:
-    """The processes begun by this one and by those, parents first; none where there is no /proc."""
-    children: dict[int, list[int]] = {}
-    for status in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):  # it has ended meanwhile
-            parent = status.read_text(errors="replace").rpartition(")")[2].split()[1]
-            children.setdefault(int(parent), []).append(int(status.parent.name))
-    found = [process]
-    for known in found:
-        found += children.get(known, [])
-    return found[1:]
 
 
 @contextmanager

@@ -19,11 +19,11 @@ from distributed import Client, LocalCluster
 
 import cosim.journal
 from cosim import SetupError, SimulationError
+from cosim.journal import OUTCOMES, OutcomeJournal
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, ask, until
 from workbench import study
 from workbench.cli import main
-from workbench.runs.journal import NAME, OutcomeJournal
 from workbench.runs.runner import Runner
 
 PLANE = """
@@ -125,7 +125,7 @@ def kill_worker(cluster: Any, which: int) -> None:
 def rows(out: Path) -> set[int]:
     """The rows in a journal."""
     file = cosim.journal.Journal()
-    file.read((out / NAME).read_bytes().partition(b"\n")[2])
+    file.read((out / OUTCOMES).read_bytes().partition(b"\n")[2])
     return set(file.rows)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import SetupError
+from cosim import SetupError, journal
 from cosim.journal import record
 from scenarios.__main__ import main
 from tests.conftest import ROOT
@@ -24,7 +24,6 @@ from workbench import orbits, study
 from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer
-from workbench.runs import journal
 from workbench.runs.runner import Runner
 from workbench.steady import steady_turns
 
@@ -81,7 +80,7 @@ def test_a_sweep_goes_on_with_the_bits_of_the_rows_before(tmp_path: Path) -> Non
     answers = sweep.ask()
     assert sweep.runs() == ["4"]
     assert repr(answers) == repr(sweep.page.ANSWERS)
-    assert not (sweep.folder / journal.NAME).exists()
+    assert not (sweep.folder / journal.OUTCOMES).exists()
 
 
 class Evil:
@@ -139,7 +138,7 @@ def test_damaged_rows_of_a_study_are_done_again(
     study.run(study.load(file), out=out, jobs=1)
     table = (out / "table.csv").read_bytes()
     ledger.unlink()
-    path = out / journal.NAME
+    path = out / journal.OUTCOMES
     head, _, content = path.read_bytes().partition(b"\n")
     changed = [head, b"\n"]
     while content:
@@ -170,17 +169,17 @@ def test_damaged_rows_of_a_study_are_done_again(
 
 
 def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / journal.NAME
+    path = tmp_path / journal.OUTCOMES
     path.write_bytes(b"x,y\n1,2\n" * 1000)
     for passing in (False, True):
         with (
             pytest.raises(SetupError, match=f"{path} is no journal of runs; remove it, or choose"),
-            journal.open_journal(tmp_path, {}, passing=passing),
+            journal.open_outcomes(tmp_path, {}, passing=passing),
         ):
             pass
     assert path.read_bytes() == b"x,y\n1,2\n" * 1000
     path.write_bytes(b'{"form": "ru')  # killed while it began
-    with journal.open_journal(tmp_path, {}) as rows:
+    with journal.open_outcomes(tmp_path, {}) as rows:
         assert len(rows) == 0
 
 
@@ -225,4 +224,4 @@ def test_orbits_of_a_killed_map_are_not_run_again(
     assert f"{out}: 3 rows already there\n" in capsys.readouterr().err
     for file in ("resonance_map.csv", "resonance_map_rows.csv", "resonance_map.json"):
         assert (out / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
-    assert not (out / journal.NAME).exists()
+    assert not (out / journal.OUTCOMES).exists()

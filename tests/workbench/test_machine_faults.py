@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError, SimulationError
+from cosim.calls import Caller
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, until
 from workbench import study
-from workbench.runs.worker import CallWorker
 
 QUESTION = '''
 """What does the machine do to a run?"""
@@ -164,7 +164,7 @@ def test_without_a_process_the_error_is_a_line_and_nothing_is_left(tmp_path: Pat
     """A worker that cannot be started has nothing to end."""
     from tests.hosts import light
 
-    worker = CallWorker()
+    worker = Caller()
     assert worker.do(light.modules, None, None).status == "ok"
     worker.close()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

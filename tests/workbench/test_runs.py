@@ -15,7 +15,8 @@ from typing import Any
 
 import pytest
 
-from cosim import SetupError, SimulationError
+from cosim import SetupError, SimulationError, journal
+from cosim.calls import Caller, Outcome
 from cosim.cli.options import exit_code
 from cosim.journal import DIGEST
 from scenarios.project import PROJECT
@@ -25,17 +26,16 @@ from workbench import Context, catalog
 from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer, ask
-from workbench.runs import fingerprint, journal
+from workbench.runs import identity
 from workbench.runs.folder import contents, unpack
 from workbench.runs.runner import Runner
-from workbench.runs.worker import CallWorker, Outcome
 
 LONG = 100.0
 
 
 @pytest.fixture
-def worker() -> Iterator[CallWorker]:
-    new_worker = CallWorker()
+def worker() -> Iterator[Caller]:
+    new_worker = Caller()
     yield new_worker
     new_worker.close()
 
@@ -45,7 +45,7 @@ def lines(ledger: Path) -> list[str]:
 
 
 def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
-    worker: CallWorker, tmp_path: Path
+    worker: Caller, tmp_path: Path
 ) -> None:
     for mood, status, message, trace in (
         ("segfault", "crashed", "the run ended its process: SIGSEGV", "last words"),
@@ -69,7 +69,7 @@ def test_every_end_of_a_call_is_reported_and_the_next_call_is_done(
     assert outcome.seconds < LONG
 
 
-def test_a_child_imports_what_its_call_needs(worker: CallWorker) -> None:
+def test_a_child_imports_what_its_call_needs(worker: Caller) -> None:
     modules = worker.do(light.modules, None, LONG).answer
     assert "tests.hosts.light" in modules
     assert not {"numpy", "scipy", "pandas", "fmpy", "rich", "matplotlib"} & set(modules)
@@ -78,8 +78,8 @@ def test_a_child_imports_what_its_call_needs(worker: CallWorker) -> None:
 CALL = """
 import sys
 from tests.hosts import light, plane
-from workbench.runs.worker import CallWorker
-CallWorker().do(plane.be, tuple(sys.argv[1:]), None)
+from cosim.calls import Caller
+Caller().do(plane.be, tuple(sys.argv[1:]), None)
 """
 
 
@@ -177,7 +177,7 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     tasks = [(float(x), str(ledger)) for x in (1, 2, 3, 4, 5)]
 
     def sweep(who: dict[str, Any], stop: float) -> None:
-        with journal.open_journal(tmp_path, who, passing=True) as rows:
+        with journal.open_outcomes(tmp_path, who, passing=True) as rows:
             for height in Runner(jobs).map(plane.height, tasks, "heights", rows):
                 if height == stop:
                     raise KeyboardInterrupt
@@ -190,14 +190,14 @@ def test_an_interrupted_sweep_goes_on_and_leaves_no_journal(
     assert set(lines(ledger)) <= {"4.0", "5.0"}
     assert lines(ledger) == ["4.0", "5.0"] or jobs == 2
     assert "rows already there" in capsys.readouterr().err
-    assert not (tmp_path / journal.NAME).exists()
+    assert not (tmp_path / journal.OUTCOMES).exists()
     with pytest.raises(KeyboardInterrupt):
         sweep(who, 9.0)
     ledger.write_text("")
     sweep({"options": {"speed": 4.0}, "code": {"a.py": "1" * 16}}, 0.0)
     assert sorted(set(lines(ledger))) == ["1.0", "2.0", "3.0", "4.0", "5.0"]
     assert capsys.readouterr().err == (
-        f"{tmp_path / journal.NAME} contains the rows of other runs: options.speed was 3.0 and is 4.0; "
+        f"{tmp_path / journal.OUTCOMES} contains the rows of other runs: options.speed was 3.0 and is 4.0; "
         'code."a.py" has changed; they are dropped\n'
     )
 
@@ -235,9 +235,9 @@ def test_signals_end_a_sweep_and_its_children(number: int, tmp_path: Path) -> No
 KEEP = """
 import os, sys
 from pathlib import Path
-from workbench.runs import journal
-from workbench.runs.worker import Outcome
-with journal.open_journal(Path(sys.argv[1]), {"x": 1}) as kept:
+from cosim import journal
+from cosim.calls import Outcome
+with journal.open_outcomes(Path(sys.argv[1]), {"x": 1}) as kept:
     for n in range(100):
         kept[n] = Outcome("ok", n / 3)
     print("kept", flush=True)
@@ -262,7 +262,7 @@ def test_a_killed_session_keeps_every_row_and_shuts_out_a_second_session(tmp_pat
 
 
 def opened(folder: Path, who: dict[str, Any]) -> dict[Any, Any]:
-    with journal.open_journal(folder, who) as rows:
+    with journal.open_outcomes(folder, who) as rows:
         return {n: rows[n].answer for n in range(len(rows))}
 
 
@@ -282,7 +282,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
     who = {
         "file": {"grid": {"motor.T": [0.05, 0.06]}, "timeout": 3.0},
         "fmus": {"motor": "{12345678-1234-1234-1234-123456789abc}"},
-        **fingerprint.computation("some", {}),
+        **identity.computation("some", {}),
         "inputs": "f" * 16,
     }
     who = json.loads(json.dumps(who))
@@ -293,7 +293,7 @@ def test_rows_of_another_identity_are_refused_whatever_differs(tmp_path: Path) -
             opened(tmp_path, other)
         message = str(refusal.value)
         assert message.startswith(
-            f"{tmp_path / journal.NAME} contains the rows of other runs: {name} "
+            f"{tmp_path / journal.OUTCOMES} contains the rows of other runs: {name} "
         ), message
         assert not DIGEST.search(message.replace(str(tmp_path), ""))
     assert opened(tmp_path, who) == {}
@@ -310,9 +310,7 @@ def test_an_option_without_effect_is_refused() -> None:
                 ask(PROJECT, name, {}, jobs=2)
 
 
-def test_no_process_for_runs_is_a_sentence(
-    worker: CallWorker, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_process_for_runs_is_a_sentence(worker: Caller, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cosim.child._live", sys.exit)
     with pytest.raises(SetupError, match="no process for runs can be started: "):
         worker.do(plane.be, ("good", "/dev/null"), None)

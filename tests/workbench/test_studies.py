@@ -20,13 +20,12 @@ import pytest
 
 import scenarios
 from cosim import SetupError
-from cosim.journal import Journal
+from cosim.journal import OUTCOMES, Journal
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, restore_ctrl_c, until
 from workbench import study
 from workbench.cli import main
 from workbench.project import NO_PROJECT
-from workbench.runs.journal import NAME
 from workbench.study import sensitivity
 from workbench.study.file import Sampling
 
@@ -54,10 +53,10 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 def rows(folder: Path) -> dict[int, list[Any]]:
-    """The rows in a journal: numbers, status, message, trace and the rest."""
+    """The rows in a journal: status, answer, message, wall time and trace."""
     file = Journal()
-    file.read((folder / NAME).read_bytes().partition(b"\n")[2])
-    return {run: [values.tolist(), *json.loads(text)] for run, (values, text) in file.rows.items()}
+    file.read((folder / OUTCOMES).read_bytes().partition(b"\n")[2])
+    return {run: json.loads(text)["tuple"] for run, (_, text) in file.rows.items()}
 
 
 def test_a_grid_is_every_combination_in_order(write: Write) -> None:
@@ -153,8 +152,8 @@ def test_whatever_becomes_of_a_run_costs_its_row_and_no_more(write: Write, tmp_p
         "No run has root.",
     ):
         assert arguments in outcome.verdict
-    assert "last words" in rows(out)[0][3]
-    assert "ZeroDivisionError" in rows(out)[4][3]
+    assert "last words" in rows(out)[0][4]
+    assert "ZeroDivisionError" in rows(out)[4][4]
 
 
 SQUARES = """
@@ -308,7 +307,7 @@ def test_an_ended_study_goes_on_with_the_missing_runs(
     if number == signal.SIGINT:
         assert process.returncode == 130
         assert errors == (
-            f"interrupted; what was computed is kept: {len(before)} rows in {out / NAME}; "
+            f"interrupted; what was computed is kept: {len(before)} rows in {out / OUTCOMES}; "
             "the same command continues\n"
         )
     (tmp_path / "gate").unlink()
@@ -333,7 +332,7 @@ def test_another_study_is_not_mixed_into_a_folder(write: Write, tmp_path: Path) 
         with pytest.raises(SetupError, match=re.escape(message)):
             study.run(study.load(write(text)), out=out)
 
-    other = f"{out / NAME} contains the rows of other runs: "
+    other = f"{out / OUTCOMES} contains the rows of other runs: "
     refused(GRID.replace("= 5", "= 6"), f"{other}file.grid.x.number was 5 and is 6")
     page = tmp_path / "plane.py"
     before = page.read_text()

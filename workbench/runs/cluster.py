@@ -10,7 +10,8 @@ import io
 import multiprocessing
 import pickle
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
@@ -19,12 +20,12 @@ from uuid import uuid4
 from distributed import Client, KilledWorker, Security, Worker, WorkerPlugin, get_worker
 
 from cosim import SetupError
-from cosim.journal import differences
+from cosim.calls import Caller, Outcome
+from cosim.journal import RunFailedError, differences
 
-from .fingerprint import facts
+from ..catalog import load_cached
 from .folder import contents, unpack
-from .journal import Key, Outcomes, RunFailedError
-from .worker import CallWorker, Outcome
+from .identity import facts
 
 #: Time to reach the scheduler [s], a convention of this project.
 CONNECT = 10.0
@@ -36,6 +37,7 @@ GRACE = 60.0
 #: Time between two checks of whether there still are workers [s], chosen: far less than GRACE.
 POLL = 1.0
 TLS = "tls://"
+Outcomes = Generator[tuple[int, Outcome]]
 KEPT = "what was computed is kept, and the same command continues"
 
 
@@ -49,7 +51,7 @@ class Files(WorkerPlugin):  # type: ignore[misc]
         """Write the files where this worker may write."""
         self.folder = Path(worker.local_directory) / "runs" / self.name
         unpack(self._files, self.folder)
-        self.idle: SimpleQueue[CallWorker] = SimpleQueue()
+        self.idle: SimpleQueue[Caller] = SimpleQueue()
         multiprocessing.current_process().daemon = (
             False  # a nanny's worker may have no children else
         )
@@ -108,17 +110,16 @@ def _run(
     try:
         child = shipped.idle.get_nowait()
     except Empty:
-        child = CallWorker()
-    outcome: Outcome = child.do(
-        _call, (call, shipped.folder), timeout, str(copy) if copy.is_file() else page
-    )
+        child = Caller()
+    prepare = partial(load_cached, str(copy) if copy.is_file() else page) if page else None
+    outcome: Outcome = child.do(_call, (call, shipped.folder), timeout, prepare)
     shipped.idle.put(child)
     return outcome
 
 
 def stream(
     scheduler: str,
-    calls: Mapping[Key, tuple[Callable[[Any], Any], Any, float | None]],
+    calls: Mapping[int, tuple[Callable[[Any], Any], Any, float | None]],
     page: str,
     files: Sequence[Path],
     packages: Sequence[str],
@@ -173,7 +174,7 @@ def _connect(scheduler: str) -> Any:
         raise SetupError(f"no Dask scheduler answers at {scheduler}: {error}") from None
 
 
-def _outcomes(client: Any, scheduler: str, key_of: dict[Any, Key]) -> Outcomes:
+def _outcomes(client: Any, scheduler: str, key_of: dict[Any, int]) -> Outcomes:
     """Give key and outcome of each run as they are done."""
     done: SimpleQueue[Any] = SimpleQueue()
     for future in key_of:

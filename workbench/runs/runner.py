@@ -9,10 +9,11 @@ import math
 import re
 import reprlib
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -22,15 +23,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from cosim import SetupError
+from cosim.calls import MACHINE, OK, TIMEOUT, Caller, Outcome, wait_for_any
+from cosim.journal import OutcomeJournal, RunFailedError
 from cosim.signals import handle_stop_signals
 from cosim.threads import available_cores
 
+from ..catalog import load_cached
 from ..options import at_least
-from .journal import Key, OutcomeJournal, Outcomes, RunFailedError
-from .worker import MACHINE, OK, TIMEOUT, CallWorker, Outcome, wait_for_any
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
+Key = int
+Outcomes = Generator[tuple[Key, Outcome]]
 ADDRESS = re.compile(r"(\w+://)?\S+:\d+")
 
 #: Calls of a study at least, where each may take several cases. Chosen: as many as an ordinary machine has cores.
@@ -94,13 +98,14 @@ class Runner:
             yield from cluster.stream(self.scheduler, calls, self.page, self.files, self.packages)
             return
         waiting = iter(tasks.items())
-        workers = [CallWorker() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
-        key_of: dict[CallWorker, Key] = {}
+        prepare = partial(load_cached, self.page) if self.page else None
+        workers = [Caller() for _ in range(min(self.jobs or available_cores(), len(tasks)))]
+        key_of: dict[Caller, Key] = {}
 
-        def start_next(worker: CallWorker) -> None:
+        def start_next(worker: Caller) -> None:
             for key, task in islice(waiting, 1):
                 key_of[worker] = key
-                worker.give(function, task, limits.get(key), self.page)
+                worker.give(function, task, limits.get(key), prepare)
 
         try:
             for worker in workers:

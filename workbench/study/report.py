@@ -16,13 +16,13 @@ import pandas as pd
 
 import cosim
 from cosim import SetupError
+from cosim.calls import OK, Outcome
 from cosim.errors import pluralize
 
 from ..answer import Answer, Show, Table
 from ..charts.mpl import draw
 from ..figure import Figure
 from ..run import Row
-from ..runs.worker import OK, Outcome
 from . import charts
 from .file import Study
 from .sensitivity import analyse

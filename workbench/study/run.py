@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from cosim import SetupError, System
+from cosim.calls import TIMEOUT, Outcome
 from cosim.errors import pluralize
+from cosim.journal import OutcomeJournal, digest, open_outcomes
 from cosim.scratch import scratch
 from cosim.system import connect
 
@@ -23,11 +25,9 @@ from ..files import replacement
 from ..find import Find
 from ..options import declared
 from ..run import rows
-from ..runs.fingerprint import computation, digest
 from ..runs.folder import contents, reservation, unpack
-from ..runs.journal import OutcomeJournal, open_journal
+from ..runs.identity import computation
 from ..runs.runner import Runner
-from ..runs.worker import TIMEOUT, Outcome
 from .file import Study, ends
 from .report import conclude, figures_of, is_row
 
@@ -58,7 +58,7 @@ def run(
     units, who = _units(study, fmus), identity(study, fmus, flavour)
     folder = Path("results") / "studies" / study.name if out is None else out
     scratch()  # removes what killed runs left there, though this one may have no run to do
-    with reservation(folder), open_journal(folder, who, is_row) as journal:
+    with reservation(folder), open_outcomes(folder, who, is_row) as journal:
         with replacement(folder / "study.toml") as fresh:
             fresh.write_bytes(study.path.read_bytes())
         _forget_short_of(study.timeout, journal)
@@ -101,7 +101,8 @@ def _forget_short_of(timeout: float | None, journal: OutcomeJournal) -> None:
         for number, outcome in journal.items()
         if outcome.status == TIMEOUT and (timeout is None or outcome.seconds < timeout)
     ]
-    journal.forget(ended)
+    for number in ended:
+        del journal[number]  # its row counts until then, if this session ends before
     if ended:
         runs = f"{pluralize(len(ended), 'run')} that had no answer in time {'is' if len(ended) == 1 else 'are'}"
         print(f"{journal.path.parent}: {runs} done again", file=sys.stderr)

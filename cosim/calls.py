@@ -1,12 +1,13 @@
-"""A child process for calls that may crash, hang or leave; whatever becomes of one, the caller is told.
+"""Calls in a child process that may crash, hang or leave: whatever becomes of one is told.
 
-The child is a `cosim.child.Child` that is apart, and imports only what its calls need.
+The child is apart, and imports only what its calls need.
 """
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import sys
 import time
@@ -16,10 +17,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
-from cosim.child import Child, Death
-from cosim.errors import SetupError
-
-from .. import THREADS
+from .child import Child, Death
+from .errors import SetupError
 
 OK, TIMEOUT = "ok", "timeout"
 STATUSES = (OK, "refused", "failed", "crashed", TIMEOUT)
@@ -42,6 +41,8 @@ MAX_DEATHS = 3
 OUTSIDE = ("SIGKILL", "SIGTERM", "SIGHUP", "SIGINT")
 #: How long a child that ends is waited for [s]; chosen: writing its output takes less.
 LAST_MOMENTS = 2.0
+#: What is said before the reason.
+NO_PROCESS = "no process for runs can be started"
 
 
 class Outcome(NamedTuple):
@@ -59,33 +60,36 @@ class Outcome(NamedTuple):
     trace: str = ""
 
 
-class CallWorker:
+class Caller:
     """A child process that does one call after the other, and the next process when it dies."""
 
     def __init__(self) -> None:
-        self._child: Any = None
-        self._began: float | None = None
+        self._child: Child | None = None
 
     def give(
-        self, function: Callable[[Any], Any], task: Any, timeout: float | None, page: str = ""
+        self,
+        function: Callable[[Any], Any],
+        task: Any,
+        timeout: float | None,
+        prepare: Callable[[], object] | None = None,
     ) -> None:
-        """Begin function(task) where this question is loaded; from then on it has `timeout` seconds."""
-        self._call = page, ForkingPickler.dumps((function, task))
+        """Begin function(task), once `prepare` has made the function known; from then on it has `timeout` seconds."""
+        self._call = [ForkingPickler.dumps(x) for x in (prepare, (function, task))]
         self._timeout, self._deaths = timeout, 0
         self._send()
 
     def do(
-        self, function: Callable[[Any], Any], task: Any, timeout: float | None, page: str = ""
+        self,
+        function: Callable[[Any], Any],
+        task: Any,
+        timeout: float | None,
+        prepare: Callable[[], object] | None = None,
     ) -> Outcome:
         """What becomes of function(task); blocks."""
-        self.give(function, task, timeout, page)
+        self.give(function, task, timeout, prepare)
         while (outcome := self.step()) is None:
             wait_for_any([self])
         return outcome
-
-    def handles(self) -> tuple[Any, int]:
-        """What to wait for: the pipe has a message, or the child has ended."""
-        return self._child.pipe, self._child.process.sentinel
 
     def step(self) -> Outcome | None:
         """What became of the call, None while it is under way; does not block.
@@ -93,104 +97,81 @@ class CallWorker:
         A child that was killed from outside is replaced and its call done again, three times at
         most. Raises SetupError if no child can be started.
         """
+        assert self._child is not None
         message = None
         try:
             for message in self._child.messages():
                 if isinstance(message, Outcome):
                     return message
-                if not isinstance(message, Death):
-                    self._began = time.monotonic()
         except Exception as error:  # noqa: BLE001
             return Outcome("failed", message=f"its answer cannot be read: {error}")
-        if isinstance(message, Death):
-            return self._retry_or_crash()
-        if self.left() == 0.0:
-            output, _ = self._bury()
-            text = f"no answer after {self._timeout:g} s"
-            return Outcome(TIMEOUT, None, text, self._timeout or 0.0, output)
-        return None
-
-    def left(self) -> float | None:
-        """Seconds until the call is too late, None if it never is."""
-        if self._timeout is None or self._began is None:
-            return None
-        return max(self._began + self._timeout - time.monotonic(), 0.0)
+        return self._retry_or_tell(self._child) if isinstance(message, Death) else None
 
     def close(self) -> None:
         """End the child, whatever it does."""
         if self._child is not None:
-            self._bury()
+            self._child.end()
+        self._child = None
 
     def _send(self) -> None:
         """Give the call to the child, which is started if there is none."""
-        self._began = None
         if self._child is None:
             try:
-                self._child = Child(_serve, is_apart=True)
+                self._child = Child(_serve, is_apart=True, limits="task")
             except OSError as error:
-                why = error.strerror or error
-                raise SetupError(f"no process for runs can be started: {why}") from error
-        with contextlib.suppress(OSError):  # the next step sees that the child is dead
-            page, content = self._call
-            self._child.pipe.send(page)
-            self._child.pipe.send_bytes(content)
+                raise SetupError(f"{NO_PROCESS}: {error.strerror or error}") from error
+        self._child.limit = math.inf if self._timeout is None else self._timeout
+        self._child.give(*self._call)
 
-    def _retry_or_crash(self) -> Outcome | None:
-        """The child died: None, and its call sent again, if that came from outside; else what became of it."""
-        output, death = self._bury(LAST_MOMENTS)
-        outside, began = death in OUTSIDE, self._began
+    def _retry_or_tell(self, child: Child) -> Outcome | None:
+        """What became of a call whose child died; None, and the call sent again, if that came from outside."""
+        began, self._child = child.heard, None
+        output, death = child.end(LAST_MOMENTS)
+        if child.why_killed:
+            text = f"no answer after {self._timeout:g} s"
+            return Outcome(TIMEOUT, None, text, self._timeout or 0.0, output)
+        outside = death in OUTSIDE
         self._deaths += 1
         if (outside or began is None) and self._deaths < MAX_DEATHS:
             self._send()
             return None
         if began is None:
-            why = "".join(output.strip().splitlines()[-1:]) or death
-            raise SetupError(f"no process for runs can be started: {why}")
+            raise SetupError(f"{NO_PROCESS}: {''.join(output.strip().splitlines()[-1:]) or death}")
         what = (
             f"its process was killed {MAX_DEATHS} times" if outside else "the run ended its process"
         )
         return Outcome("crashed", None, f"{what}: {death}", time.monotonic() - began, output)
 
-    def _bury(self, grace: float = 0.0) -> tuple[str, str]:
-        """The last words of a child, and how it ended."""
-        one, self._child = self._child, None
-        words, death = one.end(grace)
-        return words, death
 
-
-def wait_for_any(workers: Sequence[CallWorker]) -> None:
-    """Block until one of these workers can do a step."""
-    left = [seconds for worker in workers if (seconds := worker.left()) is not None]
-    handles = [handle for worker in workers for handle in worker.handles()]
-    wait(handles, min(left, default=None))
+def wait_for_any(callers: Sequence[Caller]) -> None:
+    """Block until one of these callers can do a step."""
+    children = [caller._child for caller in callers if caller._child is not None]  # noqa: SLF001
+    left = [seconds for child in children if (seconds := child.left()) is not None]
+    wait(
+        [x for child in children for x in (child.pipe, child.process.sentinel)],
+        min(left, default=None),
+    )
 
 
 def _serve(pipe: Connection) -> None:
-    """Do calls in the child."""
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+    """Do calls in the child: say that each begins, once what it needs is loaded, and what became of it."""
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            _do_call(pipe, pipe.recv(), pipe.recv_bytes())
-
-
-def _do_call(pipe: Connection, page: str, content: bytes) -> None:
-    """Do a call, once its question is loaded: say that it begins, and what became of it."""
-    os.ftruncate(2, 0)
-    began = time.perf_counter()
-    try:
-        if page:
-            from ..catalog import load_cached
-
-            load_cached(page)
-        function, task = ForkingPickler.loads(content)
-        pipe.send("begun")
-        began = time.perf_counter()
-        answer = function(task)
-        reply = ForkingPickler.dumps(Outcome(OK, answer, "", time.perf_counter() - began))
-    except BaseException as error:  # noqa: BLE001
-        failed = failure(error)._replace(seconds=time.perf_counter() - began)
-        reply = ForkingPickler.dumps(failed)
-    pipe.send_bytes(reply)
+            prepare, call = pipe.recv_bytes(), pipe.recv_bytes()
+            os.ftruncate(2, 0)
+            began = time.perf_counter()
+            try:
+                if (do_first := ForkingPickler.loads(prepare)) is not None:
+                    do_first()
+                function, task = ForkingPickler.loads(call)
+                pipe.send(None)
+                began = time.perf_counter()
+                outcome = Outcome(OK, function(task), "", time.perf_counter() - began)
+                reply = ForkingPickler.dumps(outcome)
+            except BaseException as error:  # noqa: BLE001
+                failed = failure(error)._replace(seconds=time.perf_counter() - began)
+                reply = ForkingPickler.dumps(failed)
+            pipe.send_bytes(reply)
 
 
 def failure(error: BaseException) -> Outcome:
