@@ -25,6 +25,7 @@ from cosim.rounding import unit_suffix
 
 from .answer import Answer, Findings, GivenValue, Table, option_values, parameters
 from .context import Context, captured_log_warnings
+from .figure import Figure
 from .find import Find, find, solve_each
 from .judgement import Holds, Judgement, capital
 from .live import Slider
@@ -45,8 +46,10 @@ CERTIFIED = 4.0
 LEAST_SHARE = 1e-3
 #: Relative change of a figure that is an effect: far above the rounding of its sums.
 EFFECT = 1e-9
+#: Figures beside a remedy that are told, and their least relative change; conventions.
+MOST_FIGURES, LEAST_CHANGE = 3, 0.02
 #: Lines of remedies that are printed; the files have all.
-MOST_LINES = 5
+MOST_LINES = 16
 TABLE = "remedies.csv"
 #: What a figure shall be.
 UNTIL = re.compile(r"\s*(\w+)\s*(<=|>=|=)\s*(.+)")
@@ -54,13 +57,14 @@ Judge = Callable[[Question, Findings], Sequence[Judgement]]
 
 
 class Range(NamedTuple):
-    """An input, an option or a start value, its present value, and the range in which it is varied."""
+    """An input, an option or a start value, its present value, the range in which it is varied, and what it is."""
 
     name: str
     unit: str
     now: float
     low: float
     high: float
+    meaning: str = ""
 
     def text(self) -> str:
         """The range in words."""
@@ -83,6 +87,8 @@ class Remedy:
         Two values of four digits, where errors allow: at the first the judgement is decided so, at the other it is not.
     turns : sequence of str
         What is worse at the value than now: other judgements and their answers.
+    changes : sequence of str
+        The figures that change most, at the value and now.
     """
 
     varied: Range
@@ -92,6 +98,7 @@ class Remedy:
     value: float = math.nan
     outside: float = math.nan
     turns: Sequence[str] = ()
+    changes: Sequence[str] = ()
 
     @property
     def error(self) -> float:
@@ -104,10 +111,12 @@ class Remedy:
         return self.value / self.varied.now - 1.0 if self.varied.now else math.inf
 
     def text(self) -> str:
-        """The remedy without the input, "up to 0.0312"."""
+        """The stretch without the input, "below 0.0312"."""
         end = self.varied.high if self.is_upper else self.varied.low
-        more = "" if self.until == end else f" (as far as about {self.until:.3g})"
-        return f"{'from' if self.is_upper else 'up to'} {self.value:.6g}{more}"
+        if self.until == end:
+            return f"{'above' if self.is_upper else 'below'} {self.value:.6g}"
+        ends = [f"{self.value:.6g}", f"about {self.until:.3g}"]
+        return f"between {' and '.join(ends if self.is_upper else ends[::-1])}"
 
 
 class Remedies(NamedTuple):
@@ -118,7 +127,7 @@ class Remedies(NamedTuple):
     without: Sequence[Range]
 
     def lines(self) -> list[str]:
-        """The remedies in words, and what else turns with them."""
+        """The remedies in words, an input in a line."""
         texts = []
         for x in dict.fromkeys(x.varied for x in self.found):
             down, up = (
@@ -126,21 +135,27 @@ class Remedies(NamedTuple):
             )
             said = " or ".join(y.text() for y in (*down, *up))
             if down and up and up[0].value < down[0].value:  # the present value lies between
-                said = f"from {up[0].value:.6g} to {down[0].value:.6g}"
-            texts.append(f"{x.name} {said}{unit_suffix(x.unit)} (now {x.now:.6g})")
-        nothing = "; ".join(x.text() for x in self.without)
-        which = "with one of: " if len(texts) > 1 else "with "
-        clauses = [which + "; ".join(texts)] if texts else []
+                said = f"between {up[0].value:.6g} and {down[0].value:.6g}"
+            name = f"{x.name} ({x.meaning})" if x.meaning else x.name
+            texts.append(f"{name} {said}{unit_suffix(x.unit)}, now {x.now:.6g}")
+        claim = f"{capital(self.judgement.what)}: {Holds.YES if self.judgement.is_wanted else Holds.NO} with"
+        lines = [f"{claim} {x}" for x in texts]
+        if len(texts) > 1:
+            lines = [f"{claim} any one of these changes:", *(f"- {x}" for x in texts)]
         if self.without:
-            clauses.append(f"{'with any ' if self.judgement.good else 'not by '}{nothing}")
-        answer = Holds.YES if self.judgement.is_wanted else Holds.NO
+            nothing = "; ".join(x.text() for x in self.without)
+            lines.append(
+                f"{claim} any {nothing}" if self.judgement.good else f"- not with any {nothing}"
+            )
+        return lines
+
+    def effects(self) -> list[str]:
+        """What else turns and changes at the ends of the stretches."""
         return [
-            capital(f"{self.judgement.what}: {answer} {'; '.join(clauses)}"),
-            *(
-                f"But with {x.varied.name} {x.text()}{unit_suffix(x.varied.unit)}: {'; '.join(x.turns)}"
-                for x in self.found
-                if x.turns
-            ),
+            f"{'But with' if x.turns else 'With'} {x.varied.name} = {x.value:.6g}{unit_suffix(x.varied.unit)}: "
+            + "; ".join([*x.turns, *x.changes])
+            for x in self.found
+            if x.turns or x.changes
         ]
 
     def rows(self) -> list[dict[str, Any]]:
@@ -150,6 +165,7 @@ class Remedies(NamedTuple):
             {
                 "claim": self.judgement.what, **x.varied._asdict(), "side": "from" if x.is_upper else "up to",
                 "value": x.value, "error": x.error, "until": x.until, "change": x.change, "turns": "; ".join(x.turns),
+                "changes": "; ".join(x.changes),
             }
             for x in (*self.found, *none)
         ]  # fmt: skip
@@ -168,7 +184,8 @@ def ranges(o: Question, sliders: Sequence[Slider], values: Mapping[str, GivenVal
         bounds = options[x.name].bounds if x.name in options else {}
         high = min(max(ends), bounds.get("at most", math.inf))
         low = max(min(ends), bounds.get("at least", -math.inf), LEAST_SHARE * high)
-        found.append(Range(x.name, values[x.name].unit, now, low, high))
+        given = values[x.name]
+        found.append(Range(x.name, given.unit, now, low, high, given.meaning.partition(",")[0]))
     return found
 
 
@@ -293,6 +310,7 @@ class Search:
                         for was, y in zip(before, judgements)
                         if was.good and not y.good
                     ]
+                    x.changes = changes(self.first[0], here, before[k].figure)
                 elif side < 0 and not is_good:
                     x.outside = at
 
@@ -361,6 +379,22 @@ def same_figures(one: Findings | SetupError, other: Findings | SetupError) -> bo
     return bool(close)
 
 
+def changes(
+    now: Findings | SetupError, then: Findings | SetupError, judged: Figure | None
+) -> list[str]:
+    """Return the figures of runs that change most, but for the one that is judged: what they become, and what they are."""
+    if isinstance(now, SetupError) or isinstance(then, SetupError):
+        return []
+    pairs = [(x, then.figures[name]) for name, x in now.figures.items() if name in then.figures]
+    found = [
+        (abs(y.value / x.value - 1.0), f"{y.meaning} {y.brief()}, now {x.brief()}")
+        for x, y in pairs
+        if x.error and y.error and x.value and x != judged
+    ]
+    found.sort(reverse=True)
+    return [text for change, text in found[:MOST_FIGURES] if change > LEAST_CHANGE]
+
+
 def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Find]) -> list[str]:
     """Return where a figure has a level, "lag = 90 deg", or is within it, "tau2 <= 50 N.m", over each of several inputs.
 
@@ -425,8 +459,7 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
         ]
     if not found:
         return answer, []
-    lines = [x.lines() for x in found]
-    every = [*(x[0] for x in lines), *(y for x in lines for y in x[1:])]
+    every = [y for x in found for y in (*x.lines(), *x.effects())]
     more = len(every) - MOST_LINES
     rows = [row for x in found for row in x.rows()]
     table = Table.of_rows([[*row.values()] for row in rows], dict.fromkeys(rows[0], ""))

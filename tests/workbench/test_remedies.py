@@ -143,12 +143,15 @@ def test_an_answer_says_its_remedies_in_words_table_and_json(
     print_and_write(got, tmp_path, seconds=10.0)
     printed = capsys.readouterr().out
     low, high = ratios(LIMIT, 0.1)
-    line = next(x for x in printed.splitlines() if x.startswith("Gain below its limit: yes with"))
-    assert (
-        f"w up to {math.floor(low * 1e4) / 1e4} or from {math.ceil(high * 1e3) / 1e3} rad/s (now 1.05)"
-        in line
-    )
-    assert "not by zeta from 0.03333 to 0.2" in line
+    lines = printed.splitlines()
+    first = lines.index("Gain below its limit: yes with any one of these changes:")
+    line = f"- w (excitation) below {math.floor(low * 1e4) / 1e4} or above {math.ceil(high * 1e3) / 1e3} rad/s, now 1.05"
+    assert line in lines[first + 1 : first + 4]
+    assert lines[first + 4] == "- not with any zeta from 0.03333 to 0.2"
+    up = by_input(got.search.remedies()[0])["w", True].value
+    effect = next(x for x in lines if x.startswith(f"With w = {up:g} rad/s: "))
+    lag = Oscillator.parse({"w": up}).solve(Context({})).figures["lag"]
+    assert f"{lag.brief()}, now " in effect
     content = json.loads((tmp_path / f"{got.scenario}.json").read_text())
     assert line in content["verdict"]
     rows = content["remedies"]
@@ -178,11 +181,11 @@ def test_values_until_a_figure_has_a_level_or_is_within_a_bound() -> None:
     assert "not by zeta" in lines[1]
     low, high = ratios(LIMIT, 0.1)
     down, up = math.floor(low * 1e4) / 1e4, math.ceil(high * 1e3) / 1e3
-    (line,) = values_until(oscillator(), Context({}), "gain <= 2", [vary("w", 0.5, 3.0)])
-    assert line == f"Gain <= 2: yes with w up to {down:g} or from {up:g} rad/s (now 1.05)"
+    line, *_ = values_until(oscillator(), Context({}), "gain <= 2", [vary("w", 0.5, 3.0)])
+    assert line == f"Gain <= 2: yes with w below {down:g} or above {up:g} rad/s, now 1.05"
     down, up = math.floor(high * 1e3) / 1e3, math.ceil(low * 1e4) / 1e4
-    (line,) = values_until(oscillator(), Context({}), "gain >= 2", [vary("w", 0.5, 3.0)])
-    assert line == f"Gain >= 2: yes with w from {up:g} to {down:g} rad/s (now 1.05)"
+    line, *_ = values_until(oscillator(), Context({}), "gain >= 2", [vary("w", 0.5, 3.0)])
+    assert line == f"Gain >= 2: yes with w between {up:g} and {down:g} rad/s, now 1.05"
     lines = values_until(
         oscillator(), Context({}), "gain >= 2", [vary("c", 0.9, 1.1), vary("paint", 1.0, 2.0)]
     )
