@@ -35,15 +35,15 @@ from .steady import ORBIT_ANGLES, TURN, LastTwoTurns, steady_turns
 Array = NDArray[np.float64]
 #: Communication steps of a run over the shortest one. Three runs give value, error and observed order.
 STEP_MULTIPLES = (1, 2, 4)
-#: Sectors of a revolution, of each of which the largest rod forces are kept; a convention, finer than the peaks
+#: Sectors of a revolution, of each of which the largest values are kept; a convention, finer than the peaks
 #: of the orders 1 to 7 are apart.
 SECTORS = 16
-#: Even angles between which the largest force of a sector is interpolated by a parabola; sixteen for each of ORBIT_ANGLES.
+#: Even angles between which the largest value of a sector is interpolated by a parabola; sixteen for each of ORBIT_ANGLES.
 FINE_ANGLES = 16 * ORBIT_ANGLES
 #: Orbits that are run side by side before they are kept. Chosen: half a second of work.
 AT_ONCE = 256
-#: Convergence order of the rod force, which follows the torque of half a step before at once.
-FORCE_ORDER = 1.0
+#: Convergence order of a peak: an output that an input moves at once, as a rod force by a torque, has that of half a step before.
+PEAK_ORDER = 1.0
 COARSE_UNSTABLE = "the run with four times the step is unstable, so that no error can be estimated; take more steps per revolution"
 NO_COUPLING_ERROR = "the coupling error is not known; take more steps per revolution"
 #: Relative error of the mean over a turn, which settling leaves of its period.
@@ -94,7 +94,7 @@ def sector_peaks(waveform: Array) -> Array:
 
 @dataclass(frozen=True)
 class Peaks:
-    """Rod forces of all sectors at a step of zero, up to where each may reach [N], whether that is known, and with each step."""
+    """Largest values of all sectors at a step of zero, up to where each may reach, whether that is known, and with each step."""
 
     value: Array
     reach: Array
@@ -106,7 +106,7 @@ class Peaks:
         return Peaks(*map(function, vars(self).values()))
 
     def largest(self) -> tuple[Array, Array]:
-        """Return the largest force, over the last axis, and its error.
+        """Return the largest value, over the last axis, and its error.
 
         The error reaches as far as that of any other peak does; it is nan where one is not known that may
         be the largest.
@@ -117,11 +117,11 @@ class Peaks:
         return best, np.where(doubtful, np.nan, error)
 
 
-def force_peaks(waveform: Array) -> Peaks:
+def peaks_at_zero_step(waveform: Array) -> Peaks:
     """Return the peaks of waveforms, shape (k, ..., ORBIT_ANGLES), of the first k of STEP_MULTIPLES."""
     peaks = sector_peaks(waveform)
     rows = np.abs(sector_peaks(waveform[..., ::2]) - peaks) / 4.0
-    of_all = at_zero_step(peaks, FORCE_ORDER)
+    of_all = at_zero_step(peaks, PEAK_ORDER)
     reach = of_all.extrapolated + of_all.extrapolated_error + 2.0 * rows[0]
     reach = np.where(np.isfinite(reach), reach, np.inf)
     return Peaks(of_all.extrapolated, reach, of_all.is_stated, peaks)
@@ -623,7 +623,7 @@ class _Reading:
         """The peaks of a formula over the last turn, of both senses."""
         if text not in self.known_peaks:
             x = self.over_turns(Formula.read(text))
-            self.known_peaks[text] = force_peaks(x[:, 1].reshape(self.k, -1, x.shape[-1]))
+            self.known_peaks[text] = peaks_at_zero_step(x[:, 1].reshape(self.k, -1, x.shape[-1]))
         return self.known_peaks[text]
 
     def read(self, reader: Reader) -> tuple[Array, Array, Array]:

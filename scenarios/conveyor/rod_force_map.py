@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from workbench import Chart, Curve, Figure, Mark, Panel
 from workbench.charts import model as colors
 from workbench.charts.model import GridAxis, HeatMap, Level, SecondUnit
-from workbench.orbits import FORCE_ORDER, STEP_MULTIPLES, Motions, at_zero_step, figure_of
+from workbench.orbits import PEAK_ORDER, STEP_MULTIPLES, Motions, at_zero_step, figure_of
 
 from .first_order import NODE_ANGLES, Machine
 from .orbit import Drive
@@ -78,7 +78,7 @@ def unloading_spring(drive: Drive, machine: Machine, nu: float) -> Figure:
             return Figure.undetermined("N/m", FAR, meaning)
         guesses, before, springs = found, guesses, np.append(springs, found[0])
     noise = np.abs(guesses - before) + CLOSE * guesses
-    return figure_of(at_zero_step(guesses, FORCE_ORDER, noise), (), "N/m", meaning)
+    return figure_of(at_zero_step(guesses, PEAK_ORDER, noise), (), "N/m", meaning)
 
 
 def over_angle(r: RodForceData) -> Chart:

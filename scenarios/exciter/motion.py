@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim import Result
 from workbench.charts import motion
-from workbench.charts.motion import Columns, Motion, Shape, line
+from workbench.charts.motion import Columns, Shape, line
 from workbench.live import Caption, Coordinate, LiveMotion
 
 #: How many times too large the displacement is drawn; a convention, so that it is seen.
@@ -38,24 +37,8 @@ def exciter(p: Mapping[str, Any], at: Columns) -> list[Shape]:
     ]
 
 
-def starts(title: str, runs: Mapping[str, Result]) -> Motion:
-    """Runs of the same step, one above the other."""
-    results, shapes = list(runs.values()), []
-    picked = motion.rows(results[0]["time"], 0.0, float(results[0]["time"][-1]), 480)
-    for k, r in enumerate(results):
-        p = r.provenance["parts"]["exciter"]["parameters"]
-        drawing = exciter(p, motion.columns(r, "exciter", ("phi", "x"), picked))
-        shapes += motion.shifted(drawing, 0.0, -5.0 * k * p["rotor.r"])
-    t = results[0]["time"][picked]
-    speeds = zip(*(r["exciter.w"][picked] for r in results))
-    speed_texts = ["; ".join(f"{n} {w:.1f} rad/s" for n, w in zip(runs, row)) for row in speeds]
-    return Motion(
-        title, t, 4.0, [f"{x:.2f} s: {text}" for x, text in zip(t, speed_texts)], shapes, NOTE
-    )
-
-
 def live_motion(title: str, parameters: Mapping[str, Any]) -> LiveMotion:
-    """The runs of a live page, one above the other; `parameters` are those of the system."""
+    """Runs, one above the other; `parameters` are those of the system."""
     p = {name.removeprefix("exciter."): x.value for name, x in parameters.items()}
     r = p["rotor.r"]
     return LiveMotion(

@@ -20,15 +20,13 @@ from numpy.typing import NDArray
 
 from cosim import Prepared, RunSettings, System
 from workbench.answer import parameters
+from workbench.orbits import STEP_MULTIPLES
 from workbench.roots import roots_between, secant
 
 Array = NDArray[np.float64]
 STATES = ("motor.i", "exciter.w", "exciter.x", "exciter.v")
 PHI, SUPPLY = "exciter.phi", "motor.v"
 TURN = 2 * math.pi
-#: Communication steps of the three searches for a fold, over the finest.
-STEP_MULTIPLES = (1, 2, 4)
-
 #: Steps in a revolution at least; measured: the default folds then have a coupling error below 1e-5.
 STEPS_PER_REV = 64
 #: Scale of a current that vanishes [A]; a convention.
@@ -257,14 +255,13 @@ class Shooting:
         side = np.where((which == 0)[:, None], theory.speeds > last, theory.speeds < first)
         speed = theory.speeds[np.where(side, distances, np.inf).argmin(axis=1)]
         speed = np.where(np.isfinite(supply), speed, np.nan)
-        for _ in range(MAX_ROUNDS):
-            motions = self.orbits(speed, steps)
-            change = (supply - motions.supply) / motions.slope
-            if not (np.abs(change) >= ROOT_ROUNDING * speed).any():
-                return motions
-            # a lost one stays where it was
-            speed = speed + np.nan_to_num(np.clip(change, -speed / 4, speed / 4))
-        lost = np.abs(change) >= ROOT_ROUNDING * motions.speed
+
+        def residual(x: Array) -> tuple[Array, Array]:
+            return self.orbits(x, steps).supply - supply, np.zeros(len(x))
+
+        found = secant(residual, speed, self.orbits(speed, steps).slope)
+        motions = self.orbits(found.x, steps)
+        lost = np.isfinite(speed) & np.isnan(found.x)
         motions.problems[lost] = [
             f"no steady motion was found at {v:.6g} V after the jump" for v in supply[lost]
         ]

@@ -17,15 +17,11 @@ import numpy as np
 
 from cosim import (
     CONVERGENCE_ORDERS,
-    Prepared,
     Result,
-    RunSettings,
     SetupError,
-    SimulationError,
     System,
     run,
 )
-from cosim.accuracy.limit import limit
 from cosim.system import connect
 from workbench import (
     Chart,
@@ -49,12 +45,12 @@ from workbench import (
 from workbench.answer import parameters
 from workbench.charts.model import Arrow
 from workbench.figure import listed
-from workbench.live import Live, LiveRun, LiveSweep, drawn
+from workbench.live import Live, LiveRun, LiveSweep, drawn, moved
+from workbench.orbits import STEP_MULTIPLES, at_zero_step, figure_of
 
 from .. import motion
 from ..orbits import (
     ROOT_ROUNDING,
-    STEP_MULTIPLES,
     STEPS_PER_REV,
     Averaged,
     Jumps,
@@ -223,10 +219,11 @@ class Sommerfeld(Question):
         starts, of = starts_of(self, f)
         shares = " and ".join(f"{100 * share:g} %" for share in STARTS)
         title = f"{SWITCHED_ON}: {shares} of the {of}"
-        runs = {x.name: r[0].case.start_from_rest(float(x.start["motor.v"])) for x in starts}
+        runs = {x.name: r[0].case.run(float(x.start["motor.v"]), {}) for x in starts}
         chart = drawn(STARTS_CHART, list(runs.values()), self, f, runs=starts)
         pictures = [steady_motion(self, f, r), chart._replace(title=title)]
-        return Show(pictures, [motion.starts(title, runs)])
+        moving = motion.live_motion(title, parameters(r[0].case.system))
+        return Show(pictures, [moved(moving, *runs.values(), names=[*runs])])
 
     def live(self, f: Mapping[str, Figure], r: tuple[Observed, Any]) -> Live:
         """Two starts from rest on either side of the voltage of the jump, and such starts at all voltages."""
@@ -272,20 +269,18 @@ class HeldDrive(NamedTuple):
     hold: float
     step: float
 
-    def start_from_rest(self, supply: float) -> Result:
-        """Run one voltage from rest."""
-        system = replace(self.system, start={**self.system.start, "motor.v": supply})
+    def run(self, supply: float, states: Mapping[str, float]) -> Result:
+        """Run one voltage from these states."""
+        start = {**self.system.start, **states, "motor.v": supply}
+        system = replace(self.system, start=start)
         step, record = self.step_at(supply), (*STATES, *POWERS)
         return run(system, stop=self.hold, step=step, record=record)
 
     def levels(self, supplies: Sequence[float]) -> list[HeldVoltage]:
         """All levels up and down again, each from the states at the end of the one before."""
         levels: list[HeldVoltage] = []
-        settings = RunSettings(self.hold, self.step, record=(*STATES, *POWERS))
-        with Prepared.open(self.system, settings) as prepared:
-            for supply in (*supplies, *supplies[::-1]):
-                states = levels[-1].states if levels else {}
-                levels.append(self.level(prepared, supply, states))
+        for supply in (*supplies, *supplies[::-1]):
+            levels.append(self.level(supply, levels[-1].states if levels else {}))
         return levels
 
     def step_at(self, supply: float) -> float:
@@ -293,18 +288,14 @@ class HeldDrive(NamedTuple):
         period = 2 * math.pi * constants(self.system)[1] / supply
         return min(self.step, period / LEVEL_STEPS)
 
-    def level(self, prepared: Prepared, supply: float, states: Mapping[str, float]) -> HeldVoltage:
+    def level(self, supply: float, states: Mapping[str, float]) -> HeldVoltage:
         """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
 
         The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
         """
         speed, drift, holds, is_steady = np.inf, np.inf, 0, False
         while not is_steady and holds < MAX_HOLDS:
-            cases = {name: [value] for name, value in {**states, "motor.v": supply}.items()}
-            ensemble = prepared.map(cases, steps=[self.step_at(supply)], stops=[self.hold])
-            if reason := ensemble.reasons[0]:
-                raise SimulationError(reason, ensemble.result(0))
-            r = ensemble.result(0)
+            r = self.run(supply, states)
             t, phi, x = r["time"], r["exciter.phi"], r["exciter.x"]
             states = {name: float(r[name][-1]) for name in STATES}
             mean = float((phi[-1] - phi[0]) / t[-1])
@@ -362,13 +353,9 @@ def figure(jumps: Jumps | None, name: str, direction: str, observed: Observed) -
     if jumps is None:
         return Figure.undetermined(unit, no_jump(observed), meaning)
     values = jumps._asdict()[name]
-    if not np.isfinite(values).all():
-        return Figure.undetermined(unit, next(filter(None, jumps.reason)), meaning)
-    of_runs = limit(values, CONVERGENCE_ORDERS["strang"])
-    if reason := of_runs.sentence():
-        return Figure.undetermined(unit, reason, meaning)
-    value = float(values[0])
-    return Figure(value, unit, float(of_runs.error) + ROOT_ROUNDING * value, meaning)
+    why = "" if np.isfinite(values).all() else next(filter(None, jumps.reason))
+    found = at_zero_step(values, CONVERGENCE_ORDERS["strang"], ROOT_ROUNDING * values)
+    return figure_of(found, (), unit, meaning, why)
 
 
 def no_jump(observed: Observed) -> str:
@@ -393,7 +380,7 @@ def from_rest(f: Mapping[str, Figure], observed: Observed) -> list[Judgement]:
     if up.error is None or before.error is None:
         return []
     supply = STARTS[0] * up.value
-    run = observed.case.start_from_rest(supply)
+    run = observed.case.run(supply, {})
     last = run["time"] >= LAST * run["time"][-1]
     mean = float(run["exciter.w"][last].mean())
     passes = mean > 1.1 * before.value
