@@ -34,8 +34,8 @@ class Scalars:
 
     def __init__(self, declarations: Declarations) -> None:
         self._declarations = declarations
-        arrays = [v for v in declarations.variables if v.inner]
-        aliases = [(v, alias) for v in arrays for alias in v.inner_elements("Alias")]
+        arrays = [v for v in declarations.variables if declarations.is_fmi3 and len(v.element)]
+        aliases = [(v, alias) for v in arrays for alias in v.element.iterfind("Alias")]
         self.shapes = {v.name: shape for v in arrays if (shape := _shape(declarations, v))}
         self.shapes |= {
             alias.get("name"): self.shapes[v.name] for v, alias in aliases if v.name in self.shapes
@@ -52,7 +52,7 @@ class Scalars:
         """The elements of a variable, or the one variable that it is."""
         if declared not in self._families:
             if declared in self._open:
-                raise SetupError(f"is not a valid FMU: {declared.name} is its own derivative")
+                raise ValueError(f"{declared.name} is its own derivative")
             self._open.add(declared)
             self._families[declared] = self._elements(declared)
         return self._families[declared]
@@ -69,8 +69,8 @@ class Scalars:
         if self._declarations.is_fmi3:
             starts = _starts(declared, len(names))
         states: Sequence[Variable | None] = [None] * len(names)
-        if (state := declared.attributes.get("derivative")) is not None:
-            states = self.elements_of(self._declarations.referenced(state))
+        for of in self._declarations.referenced(declared.typed, "derivative"):
+            states = self.elements_of(of)
         family: list[Variable] = []
         for name, start, state in zip(names, starts, states):
             family.append(
@@ -126,20 +126,18 @@ def _simple_type(name: str, content: Element) -> SimpleType:
 def _shape(declarations: Declarations, array: Declared) -> tuple[int, ...]:
     """The dimensions of a variable, that of a structural parameter as its start value says; empty for a scalar."""
     shape = []
-    for dimension in array.inner_elements("Dimension"):
-        text, reference = dimension.get("start"), dimension.get("valueReference")
-        if text is None and reference is None:
-            raise SetupError(
-                f"is not a valid FMU: a Dimension of {array.name} has neither start nor valueReference"
-            )
+    for dimension in array.element.iterfind("Dimension"):
+        text, sizes = dimension.get("start"), declarations.referenced(dimension, "valueReference")
+        if text is None and not sizes:
+            raise ValueError(f"a Dimension of {array.name} has neither start nor valueReference")
         if text is None:
-            size = declarations.referenced(reference)
+            (size,) = sizes
             text = size.attributes.get("start", "")
             try:
                 whole(text)
             except ValueError:
-                raise SetupError(
-                    f"is not a valid FMU: {size.name}, a dimension of {array.name}, has the start {text!r}, "
+                raise ValueError(
+                    f"{size.name}, a dimension of {array.name}, has the start {text!r}, "
                     "which is not a whole number"
                 ) from None
         shape.append(whole(text))
@@ -170,12 +168,10 @@ def _starts(declared: Declared, count: int) -> Sequence[str | None]:
     """The start values of so many elements in FMI 3.0; one that is given alone is that of all."""
     starts: list[str | None] = [*declared.attributes.get("start", "").split()]
     if declared.kind in ("String", "Binary"):
-        starts = [x.get("value", "") for x in declared.inner_elements("Start")]
+        starts = [x.get("value", "") for x in declared.element.iterfind("Start")]
     starts = starts * count if len(starts) == 1 else starts or [None] * count
     if len(starts) != count:
-        raise SetupError(
-            f"is not a valid FMU: {declared.name} has {count} elements and {len(starts)} start values"
-        )
+        raise ValueError(f"{declared.name} has {count} elements and {len(starts)} start values")
     return starts
 
 

@@ -20,9 +20,9 @@ TYPES = {
     "2.0": ("Real", "Integer", "Boolean", "String", "Enumeration"),
     "3.0": ("Float32", "Float64", *WIDTHS, "Boolean", "String", "Binary", "Enumeration", "Clock"),
 }
-#: The elements of a model structure by FMI 2.0, and those of them that FMI 3.0 has.
-LISTS = {"2.0": ("Outputs", "Derivatives", "DiscreteStates", "InitialUnknowns"), "3.0": ()}
+#: The entries of a model structure: those of all lists of FMI 2.0, and those of FMI 3.0, which has no lists.
 UNKNOWNS = (
+    "Unknown",
     "Output",
     "ContinuousStateDerivative",
     "ClockedState",
@@ -100,23 +100,21 @@ class Declared:
         of its declared type that it inherits.
     kind
         Its type by FMI's name, such as Real or Int8.
-    inner
-        The elements within it by FMI 3.0: dimensions, start values, other names.
+    element, typed
+        Its element, which by FMI 3.0 has dimensions, start values and other names in it; the one that says its type.
     type
         The element that says what its declared type is; None if it has none, or one that is not defined.
     """
 
     __slots__ = (
-        "attributes", "causality", "initial", "inner", "kind", "line", "name", "reference", "type", "variability",
+        "attributes", "causality", "element", "initial", "kind", "name", "reference", "type", "typed", "variability",
     )  # fmt: skip
 
     def __init__(
         self, element: Element, typed: Element, named: Element | None, inherited: dict[str, str]
     ) -> None:
         is_fmi3 = typed is element
-        self.line: int = element.sourceline
-        self.type = named
-        self.inner: list[Element] = list(typed) if is_fmi3 and len(typed) else []
+        self.element, self.typed, self.type = element, typed, named
         self.attributes = {**inherited, **dict(typed.items())}
         if not is_fmi3:
             self.attributes |= element.items()
@@ -134,11 +132,7 @@ class Declared:
     @property
     def where(self) -> str:
         """The line of its element in the file, "line 7"."""
-        return f"line {self.line}"
-
-    def inner_elements(self, tag: str) -> list[Element]:
-        """Those of its inner elements that are called so."""
-        return [element for element in self.inner if element.tag == tag]
+        return line_of(self.element)
 
 
 class Declarations:
@@ -157,10 +151,10 @@ class Declarations:
     def __init__(self, root: Element) -> None:
         self.root, self.version = root, str(root.get("fmiVersion"))
         self.is_fmi3 = self.version == "3.0"
-        self.type_elements = list(
+        elements = list(
             root.iterfind("TypeDefinitions/*" if self.is_fmi3 else "TypeDefinitions/SimpleType")
         )
-        self.types = {str(x.get("name")): self._content(x) for x in self.type_elements}
+        self.types = {str(x.get("name")): self._content(x) for x in elements}
         self._inherited = {
             name: {key: content.get(key) for key in INHERITED if content.get(key) is not None}
             for name, content in self.types.items()
@@ -185,17 +179,26 @@ class Declarations:
 
     def structure_entries(self) -> Iterator[tuple[str, Element]]:
         """The elements of the model structure, each with the name of its list."""
-        for group in LISTS[self.version]:
-            for element in self.root.iterfind(f"ModelStructure/{group}/Unknown"):
-                yield group, element
-        if self.is_fmi3:
-            for element in self.root.iterfind("ModelStructure/*"):
-                if element.tag in UNKNOWNS:
-                    yield str(element.tag), element
+        for structure in self.root.iterfind("ModelStructure"):
+            for element in structure.iter(*UNKNOWNS):
+                yield str((element if self.is_fmi3 else element.getparent()).tag), element
 
-    def referenced(self, text: str) -> Declared:
-        """The variable of a reference; raises KeyError if there is none."""
-        return self.by_reference[canonical(text)]
+    def referenced(self, element: Element, name: str) -> list[Declared]:
+        """The variables that an attribute of an element means; raises ValueError with its line for one that there is not."""
+        found = []
+        for text in element.get(name, "").split():
+            variable = self.by_reference.get(canonical(text))
+            if variable is None:
+                owner = name_of(element) or str(
+                    (element if self.is_fmi3 else element.getparent()).tag
+                )
+                why = f"indices are 1 to {len(self.variables)}"
+                why = "no variable has it" if self.is_fmi3 else why
+                raise ValueError(
+                    f"{line_of(element)}: {name} {text} of {owner} is not a variable: {why}"
+                )
+            found.append(variable)
+        return found
 
 
 def canonical(text: str) -> str:
@@ -204,6 +207,13 @@ def canonical(text: str) -> str:
         return str(whole(text))
     except ValueError:
         return text
+
+
+def name_of(element: Element) -> str:
+    """The name of an element, or of the nearest around it that has one; empty if there is none."""
+    while element is not None and not element.get("name"):
+        element = element.getparent()
+    return "" if element is None else str(element.get("name"))
 
 
 def line_of(element: Element) -> str:

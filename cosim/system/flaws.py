@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from ..names import only
@@ -21,6 +21,7 @@ from .declarations import (
     Element,
     canonical,
     line_of,
+    name_of,
     value_reader,
 )
 from .description import declared_start
@@ -30,6 +31,14 @@ from .start_values import broken_limits
 OUTPUTS = ("Outputs", "Output")
 DERIVATIVES = ("Derivatives", "ContinuousStateDerivative")
 INITIAL = ("InitialUnknowns", "InitialUnknown")
+#: What an element may not have in common with others in the same element, and what must have a name.
+DISTINCT = (
+    ("UnitDefinitions/Unit", "name"),
+    ("UnitDefinitions/Unit/DisplayUnit", "name"),
+    ("TypeDefinitions//Item", "value"),
+    ("TypeDefinitions//Item", "name"),
+)
+NAMED = ("UnitDefinitions/Unit", "TypeDefinitions/*", "ModelVariables/*")
 #: What of the schema's words is said otherwise: types of values, as a reader knows them.
 VALID = re.compile(
     r"(?P<text>'.*') is not a valid value of the (?:atomic|local atomic) type '(?P<type>[\w:]+)'\.",
@@ -81,10 +90,8 @@ def schema_findings(root: Element, schema: Any) -> Iterator[tuple[str, bool]]:
         if not is_hard or tag in UNREAD or name in UNREAD:
             yield f"line {error.line}: {error.message}", False
             continue
-        owner = next(iter(root.xpath(error.path)), None)
-        while owner is not None and not owner.get("name"):
-            owner = owner.getparent()
-        of = "" if owner is None else f" of {owner.get('name')}"
+        owner = name_of(next(iter(root.xpath(error.path)), None))
+        of = f" of {owner}" if owner else ""
         if quoted is not None:
             yield f"line {error.line}: there is no {quoted[1]}{of}, which {tag} must have", True
             continue
@@ -106,43 +113,16 @@ def unreadable(declarations: Declarations) -> Iterator[str]:
                     reader(piece)
             except ValueError as error:
                 yield f"{v.where}: {name} of {v.name}: {error}"
-    yield from _references_to_nothing(declarations)
-
-
-def type_kind(content: Element) -> str:
-    """The kind of the variables of a type, by FMI's name."""
-    return str(content.tag).removesuffix("Type")
-
-
-def _references_to_nothing(declarations: Declarations) -> Iterator[str]:
-    """References to variables and types that there are not, and types that FMI does not have."""
-    kinds = TYPES[declarations.version]
-    entries = [
-        (line_of(element), group, name, element.get(name))
-        for group, element in declarations.structure_entries()
-        for name in (declarations.reference, "dependencies")
-    ]
-    for v in declarations.variables:
-        named = v.attributes.get("declaredType")
+        named, kinds = v.attributes.get("declaredType"), TYPES[declarations.version]
         if v.kind not in kinds:
             yield f"{v.where}: {v.name} has the type {v.kind}, which is not known, {only(v.kind, kinds)}"
         if named is not None and v.type is None:
             known = only(named, declarations.types)
             yield f"{v.where}: {v.name} has declaredType {named}, which is not defined, {known}"
-        elif v.type is not None and type_kind(v.type) != v.kind:
-            yield f"{v.where}: {v.name} is {v.kind}, and its declaredType {named} is {type_kind(v.type)}"
-        names = ("derivative", "previous")
-        entries += [(v.where, v.name, n, v.attributes[n]) for n in names if n in v.attributes]
-        entries += [
-            (line_of(x), v.name, "valueReference", x.get("valueReference"))
-            for x in v.inner_elements("Dimension")
-        ]
-    why = f"indices are 1 to {len(declarations.variables)}"
-    for where, owner, name, references in entries:
-        for text in (references or "").split():
-            if canonical(text) not in declarations.by_reference:
-                reason = "no variable has it" if declarations.is_fmi3 else why
-                yield f"{where}: {name} {text} of {owner} is not a variable: {reason}"
+        kind = v.kind if v.type is None else str(v.type.tag).removesuffix("Type")
+        if kind != v.kind:
+            yield f"{v.where}: {v.name} is {v.kind}, and its declaredType {named} is {kind}"
+        declarations.referenced(v.typed, "previous")
 
 
 def wrong_starts(declarations: Declarations, scalars: Scalars) -> Iterator[tuple[str, str]]:
@@ -162,13 +142,12 @@ def forbidden(declarations: Declarations) -> Iterator[str]:
     """The declarations that can be read, but that the standard forbids, with their lines; not `wrong_starts`."""
     yield from _structure_flaws(declarations)
     yield from _unit_flaws(declarations)
-    for name, content in declarations.types.items():
-        yield from _doubles(content.iterfind("Item"), "value", f"of {name}")
-        yield from _doubles(content.iterfind("Item"), "name", f"of {name}")
-    named = [(line_of(x), x.get("name")) for x in declarations.type_elements]
-    for where, name in (*named, *((v.where, v.name) for v in declarations.variables)):
-        if not name.strip():
-            yield f"{where}: the name is empty"
+    for path, attribute in DISTINCT:
+        yield from _doubles(declarations.root.iterfind(path), attribute)
+    for path in NAMED:
+        for element in declarations.root.iterfind(path):
+            if not element.get("name", "").strip():
+                yield f"{line_of(element)}: the name is empty"
     shown = {
         unit.get("name"): {display.get("name") for display in unit.iterfind("DisplayUnit")}
         for unit in declarations.root.iterfind("UnitDefinitions/Unit")
@@ -208,7 +187,7 @@ def _start_flaws(variable: Declared) -> Iterator[str]:
     initials = INITIALS.get((causality, variability))
     start = variable.attributes.get("start")
     if start is None:
-        start = next((x.get("value", "") for x in variable.inner_elements("Start")), None)
+        start = next((x.get("value", "") for x in variable.element.iterfind("Start")), None)
     if variability == "continuous" and variable.kind not in REALS:
         yield f"{variable.name} is {variable.kind} and must not have variability continuous"
     elif initials is None:
@@ -224,27 +203,20 @@ def _start_flaws(variable: Declared) -> Iterator[str]:
 
 
 def _unit_flaws(declarations: Declarations) -> Iterator[str]:
-    """Units that are defined twice, or by factors that convert nothing or turn the sign."""
-    units = list(declarations.root.iterfind("UnitDefinitions/Unit"))
-    yield from _doubles(units, "name", "of a unit")
-    for unit in units:
-        name = unit.get("name") or ""
-        if not name.strip():
-            yield f"{line_of(unit)}: the name of a unit is empty"
-        yield from _doubles(unit.iterfind("DisplayUnit"), "name", f"of a display unit of {name}")
-        for element in unit.iterfind("*"):
-            if element.tag in ("BaseUnit", "DisplayUnit"):
-                factor = real(element.get("factor", "1"))
-                if not 0.0 < factor < math.inf:
-                    shown = element.get("name") or name
-                    yield f"{line_of(element)}: unit {shown} has the factor {factor:g}, which must be above 0"
+    """Units that are defined by factors that convert nothing or turn the sign."""
+    for definitions in declarations.root.iterfind("UnitDefinitions"):
+        for element in definitions.iter("BaseUnit", "DisplayUnit"):
+            factor = real(element.get("factor", "1"))
+            if not 0.0 < factor < math.inf:
+                unit = f"unit {name_of(element)} has the factor {factor:g}"
+                yield f"{line_of(element)}: {unit}, which must be above 0"
 
 
 def _structure_flaws(declarations: Declarations) -> Iterator[str]:
     """What the model structure lists and must not, does not list and must, or says of dependencies."""
     listed: list[tuple[str, str]] = []
     for group, element in declarations.structure_entries():
-        variable = declarations.referenced(element.get(declarations.reference))
+        (variable,) = declarations.referenced(element, declarations.reference)
         listed.append((group, variable.name))
         if why := _does_not_belong(group, variable):
             yield f"{line_of(element)}: {group} lists {variable.name}, which {why}"
@@ -294,11 +266,12 @@ def _alias_flaws(declarations: Declarations) -> Iterator[str]:
                 )
 
 
-def _doubles(elements: Any, attribute: str, of: str) -> Iterator[str]:
-    """Elements whose attribute an earlier one has."""
-    before: set[str] = set()
+def _doubles(elements: Iterable[Element], attribute: str) -> Iterator[str]:
+    """Elements whose attribute an earlier one in the same element has."""
+    before: set[tuple[Element, str]] = set()
     for element in elements:
-        text = element.get(attribute) or ""
-        if canonical(text) in before:
-            yield f"{line_of(element)}: {attribute} {text} {of} is given twice"
-        before.add(canonical(text))
+        text, around = element.get(attribute) or "", element.getparent()
+        if (around, canonical(text)) in before:
+            of = name_of(around) or "a unit"
+            yield f"{line_of(element)}: {attribute} {text} of {of} is given twice"
+        before.add((around, canonical(text)))

@@ -106,13 +106,15 @@ def _read(path: Path, _: tuple[int, int]) -> Fmu:
         raise SetupError(f"{stated}; {WANTED}")
     findings = list(schema_findings(root, _schema(version)))
     declarations = Declarations(root)
-    for text in (*(text for text, is_hard in findings if is_hard), *unreadable(declarations)):
-        raise SetupError(f"is not a valid FMU: {XML}, {text}")
     try:
+        for text in (*(text for text, is_hard in findings if is_hard), *unreadable(declarations)):
+            raise ValueError(text)
         scalars = Scalars(declarations)
         description = _description(declarations, scalars)
+    except SetupError:
+        raise
     except ValueError as error:  # behind what the schema does not know it checks nothing
-        raise SetupError(f"is not a valid FMU: {XML}: {error}") from error
+        raise SetupError(f"is not a valid FMU: {XML}, {error}") from error
     variables: dict[str, Variable] = {}
     for variable in scalars.variables:
         if variables.setdefault(variable.name, variable) is not variable:
@@ -189,8 +191,8 @@ def _description(declarations: Declarations, scalars: Scalars) -> ModelDescripti
             Unknown(variable, *_dependencies(declarations, scalars, element))
             for group, element in declarations.structure_entries()
             if group in groups
-            for variable in scalars.elements_of(
-                declarations.referenced(element.get(declarations.reference))
+            for variable in scalars.elements_of_all(
+                declarations.referenced(element, declarations.reference)
             )
         )
 
@@ -218,13 +220,10 @@ def _dependencies(
     declarations: Declarations, scalars: Scalars, element: Element
 ) -> tuple[tuple[Variable, ...] | None, tuple[str, ...] | None]:
     """What an element of the model structure depends on and how; None for what it does not say."""
-    texts, kinds = element.get("dependencies"), element.get("dependenciesKind")
-    return (
-        None
-        if texts is None
-        else scalars.elements_of_all(map(declarations.referenced, texts.split())),
-        None if kinds is None else tuple(kinds.split()),
-    )
+    kinds, named = element.get("dependenciesKind"), None
+    if element.get("dependencies") is not None:
+        named = scalars.elements_of_all(declarations.referenced(element, "dependencies"))
+    return named, None if kinds is None else tuple(kinds.split())
 
 
 def _interface(xml: Element | None, *, is_fmi3: bool) -> Interface | None:
