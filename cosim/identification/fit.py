@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats.qmc import LatinHypercube
 
 from .chi2 import chi2_band
 from .noise import OUTLIER_DEVIATIONS
@@ -118,12 +119,8 @@ def search(evaluator: Evaluator, plan: SearchPlan, enough: float, loss: Loss) ->
 
 
 def latin_hypercube(number: int, low: Array, high: Array, rng: np.random.Generator) -> Array:
-    """Draw so many points between low and high, both of shape (n,): a Latin hypercube of shape (number, n).
-
-    Of as many equal strata of a coordinate each holds the coordinate of a point.
-    """
-    strata = rng.permuted(np.tile(np.arange(number), (len(low), 1)), axis=1).T
-    fractions = (strata + rng.random(strata.shape)) / max(number, 1)
+    """Draw so many points between low and high, both of shape (n,): a Latin hypercube of shape (number, n)."""
+    fractions = LatinHypercube(len(low), rng=rng).random(number)
     return np.asarray(low + (high - low) * fractions)
 
 

@@ -14,7 +14,6 @@ from ..engine.settings import RunSettings
 from ..engine.snapshot import Case
 from ..errors import SetupError
 from ..fmu.messages import quiet
-from ..metrics import spline
 from ..prepared import Prepared
 from ..result import Result, SimulationError
 from ..system import Network, System
@@ -144,9 +143,7 @@ class Problem:
 def shown(result: Result, name: str, times: Array) -> Array:
     """A column of a run at times [s], between its jumps where it has any: a jump has a row before and one after."""
     t = result["time"]
-    if len(result.breaks):
-        return np.asarray(result.solution(name)(np.clip(times, t[0], t[-1]))[0])
-    return np.asarray(spline(t, result[name])(times))
+    return np.asarray(result.solution(name)(np.clip(times, t[0], t[-1]))[0])
 
 
 class Evaluator:

@@ -21,6 +21,7 @@ import pytest
 import scenarios
 from cosim import SetupError
 from cosim.journal import OUTCOMES, Journal
+from cosim.units import in_unit
 from scenarios.project import PROJECT
 from tests.conftest import ROOT, restore_ctrl_c, until
 from workbench import study
@@ -68,6 +69,27 @@ def test_a_grid_is_every_combination_in_order(write: Write) -> None:
     question = study.load(write("scenario = 'plane.py'\n[grid]\ntimes = {from=1, to=3, number=3}"))
     assert question.runs() == [(1,), (2,), (3,)]
     assert all(type(times) is int for (times,) in question.runs())
+
+
+def test_ranges_and_nominals_of_start_values_take_units(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text(
+        """
+        scenario = "orbit"
+        [grid]
+        "conveyor.spring.c" = { from = "680kN/m", to = "0.72MN/m", number = 2 }
+        [sampling]
+        method = "lhs"
+        number = 2
+        seed = 1
+        [tolerances]
+        "motor.T" = { nominal = "50 ms", uniform = "0.002s" }
+        """
+    )
+    plan = study.load(tmp_path / "a.toml", PROJECT)
+    assert plan.units == {"conveyor.spring.c": "kN/m", "motor.T": "ms"}
+    assert [case["conveyor.spring.c"] for case in plan.cases()[::2]] == ["680.0kN/m", "720.0kN/m"]
+    times = [in_unit(case["motor.T"], "s") for case in plan.cases()]
+    assert 0.048 <= min(times) < 0.05 < max(times) <= 0.052
 
 
 def test_samples_have_the_distributions_that_the_file_names(write: Write) -> None:

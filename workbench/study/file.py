@@ -6,7 +6,7 @@ import itertools
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from math import isfinite, prod
 from pathlib import Path
@@ -91,6 +91,7 @@ class Study:
 
     `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
     as texts with one; `find` is what is sought in each run, by the name of the figure. With `judgements` these are figures as well.
+    `units` are those of start values whose range or nominal value states one.
     """
 
     path: Path
@@ -106,6 +107,7 @@ class Study:
     limits: Mapping[str, float | str]
     find: Mapping[str, Find]
     judgements: bool
+    units: Mapping[str, str]
 
     @property
     def name(self) -> str:
@@ -138,8 +140,12 @@ class Study:
 
     def cases(self) -> list[dict[str, Value]]:
         """What each run is given: options of the question and start values, which have a dot."""
-        common = dict(self.fixed)
-        return [{**common, **dict(zip(self.varied, run))} for run in self.runs()]
+        return [{**self.fixed, **self.given(dict(zip(self.varied, run)))} for run in self.runs()]
+
+    def given(self, values: Mapping[str, Value]) -> dict[str, Value]:
+        """Values of inputs, those that are in a unit of their own as texts with it."""
+        units = self.units
+        return {name: f"{x!r}{units[name]}" if name in units else x for name, x in values.items()}
 
 
 def load(path: Path, project: Project = NO_PROJECT) -> Study:
@@ -176,18 +182,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         raise SetupError(f"figures = {quoted(figures)} must be a list of names")
     _once("figures", figures)
     question = project.load(scenario, path.parent)
-    readers: dict[str, Callable[[Option, Any, str], Any]] = {
-        "fixed": lambda option, raw, key: option.read(raw, key),
-        "grid": _values,
-        "tolerances": _tolerance,
-    }
-    read: dict[str, dict[str, Any]] = {
-        table: {
-            name: reader(_input(question, table, name, spec), spec, _key(table, name))
-            for name, spec in tables[table].items()
-        }
-        for table, reader in readers.items()
-    }
+    read, units = _inputs(question, tables)
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
             raise SetupError(f"{name!r} is given in two of [fixed], [grid] and [tolerances]")
@@ -215,7 +210,35 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
         limits=limits,
         find=find,
         judgements=JUDGEMENTS.read(content.get("judgements", False)),
+        units=units,
     )
+
+
+def _inputs(
+    question: type[Question], tables: Mapping[str, Spec]
+) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """What is fixed, of a grid and sampled, by table and name, and the units of start values that state one."""
+    readers: dict[str, Callable[[Option, Any, str], Any]] = {
+        "fixed": lambda option, raw, key: option.read(raw, key),
+        "grid": _values,
+        "tolerances": _tolerance,
+    }
+    read: dict[str, dict[str, Any]] = {table: {} for table in readers}
+    units: dict[str, str] = {}
+    for table, reader in readers.items():
+        for name, spec in tables[table].items():
+            option = _input(question, table, name, spec)
+            if "." in name and (unit := _stated_unit(spec)):
+                option, units[name] = replace(option, unit=unit), unit
+            read[table][name] = reader(option, spec, _key(table, name))
+    return read, units
+
+
+def _stated_unit(spec: object) -> str:
+    """The unit in which a range or a nominal value is given; "" where it states none."""
+    given = [spec.get(key) for key in ("from", "to", "nominal")] if isinstance(spec, dict) else []
+    written = filter(None, map(read_quantity, given))
+    return next((quantity.unit for quantity in written if quantity.unit), "")
 
 
 def read_find(question: type[Question], name: str, spec: Any) -> Find:

@@ -148,8 +148,9 @@ def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
     try:
         for each in zip_longest(*start_values.values()):
             start = {name: value for name, value in zip(start_values, each) if value is not None}
-            connect(System(fmus, start=start))
+            connect(System(fmus, start=study.given(start)))
         units = {name: network.port(name).unit for name in study.varied if network and "." in name}
+        units |= study.units
     except SetupError as error:
         raise SetupError(f"{study.path}: {error}") from None
     options = declared(study.question)
