@@ -164,8 +164,8 @@ class Input:
         return series.held() if self.held else series
 
 
-class LinearSystem:
-    """States x' = M x + B u of the wired parts, resets at known times, and rows that make columns of x and u."""
+class Coupled:
+    """Parts on their wires as equations of the states, shape (2 * parts,), and of free inputs, shape (inputs,)."""
 
     def __init__(
         self,
@@ -173,183 +173,132 @@ class LinearSystem:
         wires: Mapping[str, str],
         free: Mapping[str, Input],
     ) -> None:
-        self.parts, self.names = parts, [*parts]
-        n = 2 * len(parts)
-        self.M, self.free, self.inputs = np.zeros((n, n)), [*free], [*free.values()]
-        self.B = np.zeros((n, len(free)))
-        self.u_row: dict[str, tuple[Array, Array]] = {}
-        for k, (name, q) in enumerate(parts.items()):
-            for i in (1, 2):
-                for j in (1, 2):
-                    self.M[2 * k + i - 1, 2 * k + j - 1] += q.get(f"a{i}{j}", 0.0)
-            for j in (1, 2):
-                row, of_inputs = np.zeros(n), np.zeros(len(free))
-                port = f"{name}.u{j}"
-                if port in wires:
-                    source, x = wires[port].split(".")
-                    row[2 * self.names.index(source) + int(x[1]) - 1] = 1.0
-                elif port in free:
-                    of_inputs[self.free.index(port)] = 1.0
-                self.u_row[port] = row, of_inputs
-                for i in (1, 2):
-                    self.M[2 * k + i - 1] += q.get(f"b{i}{j}", 0.0) * row
-                    self.B[2 * k + i - 1] += q.get(f"b{i}{j}", 0.0) * of_inputs
+        self.parts, self.wires, self.names, self.free = parts, wires, [*parts], free
+        self.x = np.array([q.get(f"x{i}", 0.0) for q in parts.values() for i in (1, 2)])
 
-    def column(self, name: str) -> tuple[Array, Array]:
-        """The rows of a column, over states and over free inputs."""
+    def state(self, name: str, x: Array) -> float:
+        """A state by its name, of all."""
         part, v = name.split(".")
-        k, q = self.names.index(part), self.parts[part]
-        row, of_inputs = np.zeros(len(self.M)), np.zeros(len(self.free))
-        if v in ("x1", "x2"):
-            row[2 * k + int(v[1]) - 1] = 1.0
-        else:
-            for j in (1, 2):
-                row[2 * k + j - 1] += q.get(f"c{j}", 0.0)
-                a, b = self.u_row[f"{part}.u{j}"]
-                row, of_inputs = row + q.get(f"d{j}", 0.0) * a, of_inputs + q.get(f"d{j}", 0.0) * b
-        return row, of_inputs
+        return float(x[2 * self.names.index(part) + int(v[1]) - 1])
 
-    def solve(self, start: float, stop: float, columns: Sequence[str]) -> Truth:
-        """The solution, piece by piece."""
+    def input(self, port: str, x: Array, u: Array) -> float:
+        """What an input hears."""
+        if port in self.wires:
+            return self.state(self.wires[port], x)
+        return float(u[[*self.free].index(port)]) if port in self.free else 0.0
+
+    def rates(self, x: Array, u: Array) -> Array:
+        """The derivatives of the states."""
+        rates = []
+        for name, q in self.parts.items():
+            x1, x2 = (self.state(f"{name}.x{i}", x) for i in (1, 2))
+            heard = [self.input(f"{name}.u{j}", x, u) for j in (1, 2)]
+            for i, at in ((1, x1), (2, math.sin(x1) if q.get("swings") else x1)):
+                own = q.get(f"a{i}1", 0.0) * at + q.get(f"a{i}2", 0.0) * x2
+                rates.append(own + sum(q.get(f"b{i}{j}", 0.0) * y for j, y in enumerate(heard, 1)))
+        return np.array(rates)
+
+    def column(self, name: str, x: Array, u: Array) -> float:
+        """A state or the output z; that which rises by itself is none."""
+        part, v = name.split(".")
+        if v.startswith("x"):
+            return self.state(name, x)
+        q = self.parts[part]
+        return sum(
+            q.get(f"c{j}", 0.0) * self.state(f"{part}.x{j}", x)
+            + q.get(f"d{j}", 0.0) * self.input(f"{part}.u{j}", x, u)
+            for j in (1, 2)
+            if v == "z"
+        )
+
+    def resets(self, start: float, stop: float) -> dict[float, list[int]]:
+        """Which parts begin again when [s]."""
         resets: dict[float, list[int]] = {}
         for k, q in enumerate(self.parts.values()):
             t, period = q.get("first", 1e300), q.get("period", 0.0)
             while t <= stop:
                 resets.setdefault(t, []).append(k)
                 t = t + period if period else 1e300
-        cuts = sorted(
-            {start, stop, *resets, *(b for u in self.inputs for b in u.begins if start < b < stop)}
-        )
-        rate, modes = np.linalg.eig(self.M)
-        x = np.array([q.get(f"x{i}", 0.0) for q in self.parts.values() for i in (1, 2)])
-        rows = [self.column(c) if not c.endswith(".s") else None for c in columns]
-        since = dict.fromkeys(self.names, start)
-        pieces = []
-        identity = np.eye(len(x))
-        for a, b in pairwise(cuts):
-            which = [
-                max(n for n, begin in enumerate(u.begins) if begin <= a or n == 0)
-                for u in self.inputs
-            ]
-            level = np.array(
-                [u.level[n] + u.slope[n] * (a - u.begins[n]) for u, n in zip(self.inputs, which)]
-            )
-            slope = np.array([u.slope[n] for u, n in zip(self.inputs, which)])
-            # the particular solution v + w s + sum of q exp(i f s)
-            w = np.linalg.solve(self.M, -self.B @ slope) if len(slope) else np.zeros(len(x))
-            v = np.linalg.solve(self.M, w - self.B @ level) if len(slope) else np.zeros(len(x))
-            waves = []
-            for j, u in enumerate(self.inputs):
-                size, f, phase = u.wave
-                if size:
-                    arrow = size * np.exp(1j * (f * a + phase)) / 1j
-                    waves.append(
-                        (
-                            f,
-                            np.linalg.solve(1j * f * identity - self.M, self.B[:, j] * arrow),
-                            j,
-                            arrow,
-                        )
-                    )
-            c = np.linalg.solve(
-                modes, x - v - sum((q.real for _, q, *_ in waves), np.zeros(len(x)))
-            )
-            begun = {n: since[n] for n in self.names}
-
-            def states(
-                s: Array, c: Array = c, v: Array = v, w: Array = w, waves: Any = waves
-            ) -> Array:
-                y = (
-                    (modes @ (c[:, None] * np.exp(np.outer(rate, s)))).real
-                    + v[:, None]
-                    + np.outer(w, s)
-                )
-                return y + sum(((np.outer(q, np.exp(1j * f * s))).real for f, q, *_ in waves), 0.0)
-
-            def of(
-                s: Array, states: Any = states, level: Array = level, slope: Array = slope, waves: Any = waves,
-                a: float = a, begun: Any = begun,
-            ) -> Array:  # fmt: skip
-                y = states(s)
-                u = level[:, None] + np.outer(slope, s)
-                for f, _, j, arrow in waves:
-                    u[j] += (arrow * np.exp(1j * f * s)).real
-                return np.array([
-                    self.parts[c.split(".")[0]].get("rise", 0.0) * (a + s - begun[c.split(".")[0]])
-                    if r is None else r[0] @ y + (r[1] @ u if len(u) else 0.0)
-                    for c, r in zip(columns, rows)
-                ])  # fmt: skip
-
-            pieces.append(Piece(a, b, of, max((f / 6.28 for f, *_ in waves), default=0.0)))
-            x = states(np.array([b - a]))[:, 0]
-            for k in resets.get(b, ()):
-                q = self.parts[self.names[k]]
-                x[2 * k] *= q.get("keep1", 1.0)
-                x[2 * k + 1] *= q.get("keep2", 1.0)
-                since[self.names[k]] = b
-        if stop in resets:  # the last value is that after the reset
-            y = x.copy()
-            end = lambda s: (
-                np.array([0.0 if r is None else r[0] @ y for r in rows])[:, None] + 0.0 * s
-            )
-            pieces.append(Piece(stop, math.nextafter(stop, math.inf), end, 0.0))
-        return Truth(pieces)
+        return resets
 
 
-def bouncing(
-    parts: Mapping[str, Mapping[str, float]],
-    wires: Mapping[str, str],
-    start: float,
-    stop: float,
-    columns: Sequence[str],
-) -> Truth:
+def linear(parts: Coupled, start: float, stop: float, columns: Sequence[str]) -> Truth:
+    """The solution of linear parts by their modes, piece by piece."""
+    inputs, resets, x = [*parts.free.values()], parts.resets(start, stop), parts.x.copy()
+    no_x, no_u = np.zeros(len(x)), np.zeros(len(inputs))
+    units = [(e, no_u) for e in np.eye(len(x))], [(no_x, e) for e in np.eye(len(inputs))]
+    M, B = (
+        np.array([parts.rates(*each) for each in some]).reshape(-1, len(x)).T for some in units
+    )
+    C, D = (
+        np.array([[parts.column(c, *each) for each in some] for c in columns]) for some in units
+    )
+    rises = [parts.parts[c[0]].get("rise", 0.0) if c.endswith(".s") else 0.0 for c in columns]
+    rate, modes = np.linalg.eig(M)
+    identity, since = np.eye(len(x)), dict.fromkeys(parts.names, start)
+    begins = {b for u in inputs for b in u.begins if start < b < stop}
+    pieces = []
+    for a, b in pairwise(sorted({start, stop, *resets, *begins})):
+        now = [max(n for n, t in enumerate(u.begins) if t <= a or n == 0) for u in inputs]
+        slope = np.array([u.slope[n] for u, n in zip(inputs, now)])
+        level = [u.level[n] + u.slope[n] * (a - u.begins[n]) for u, n in zip(inputs, now)]
+        # inputs are the real part of the sum of p exp(r s), and a slope times s; so are the states that they drive
+        terms = [(0.0, np.array(level))]
+        for u, e in zip(inputs, np.eye(len(inputs))):
+            size, w, phase = u.wave
+            if size:
+                terms.append((1j * w, -1j * size * np.exp(1j * (w * a + phase)) * e))
+        drift = np.linalg.solve(-M, B @ slope)
+        driven = [np.linalg.solve(r * identity - M, B @ p) for r, p in terms]
+        driven[0] = driven[0] - np.linalg.solve(-M, drift)
+        c = np.linalg.solve(modes, x - sum(q.real for q in driven))
+        rs = np.array([*rate, *(r for r, _ in terms)])
+        qs = np.column_stack([modes * c, *driven])
+        ps = np.column_stack([0.0 * modes[: len(inputs)], *(p for _, p in terms)])
+        rise = np.array([k * (a - since[name[0]]) for k, name in zip(rises, columns)])
+
+        def of(
+            s: Array, rs: Array = rs, out: Array = C @ qs + D @ ps, rise: Array = rise,
+            slopes: Array = C @ drift + D @ slope + rises,
+        ) -> Array:  # fmt: skip
+            values = (out @ np.exp(np.outer(rs, s))).real
+            return np.asarray(values + rise[:, None] + np.outer(slopes, s))
+
+        wave = max((abs(r) / 6.28 for r, _ in terms), default=0.0)
+        pieces.append(Piece(a, b, of, wave))
+        x = (qs @ np.exp(rs * (b - a))).real + drift * (b - a)
+        for k in resets.get(b, ()):
+            q = parts.parts[parts.names[k]]
+            x[2 * k : 2 * k + 2] *= q.get("keep1", 1.0), q.get("keep2", 1.0)
+            since[parts.names[k]] = b
+    if stop in resets:  # the last value is that after the reset
+        last = C @ x
+        end = lambda s: last[:, None] + 0.0 * s
+        pieces.append(Piece(stop, math.nextafter(stop, math.inf), end, 0.0))
+    return Truth(pieces)
+
+
+def bouncing(parts: Coupled, start: float, stop: float, columns: Sequence[str]) -> Truth:
     """The solution of parts that swing, and bounce at a floor, by an integrator that meets each bounce."""
-    names = [*parts]
-
-    def rates(_: float, y: Array) -> Array:
-        out = np.zeros(len(y))
-        for k, (name, q) in enumerate(parts.items()):
-            x1, x2 = y[2 * k : 2 * k + 2]
-            level = math.sin(x1) if q.get("swings") else x1
-            out[2 * k] = q.get("a11", 0.0) * x1 + q.get("a12", 0.0) * x2
-            out[2 * k + 1] = q.get("a21", 0.0) * level + q.get("a22", 0.0) * x2
-            for j in (1, 2):
-                if f"{name}.u{j}" in wires:
-                    source, x = wires[f"{name}.u{j}"].split(".")
-                    u = y[2 * names.index(source) + int(x[1]) - 1]
-                    out[2 * k] += q.get(f"b1{j}", 0.0) * u
-                    out[2 * k + 1] += q.get(f"b2{j}", 0.0) * u
-        return out
-
-    floors = [
-        (k, q["floor"], q.get("keep2", 1.0)) for k, q in enumerate(parts.values()) if "floor" in q
-    ]
+    floors = [(2 * k, q) for k, q in enumerate(parts.parts.values()) if "floor" in q]
     events = []
-    for k, floor, _ in floors:
-        event = lambda _, y, k=k, floor=floor: y[2 * k] - floor
+    for k, q in floors:
+        event = lambda _, y, k=k, floor=q["floor"]: y[k] - floor
         event.terminal, event.direction = True, -1.0  # type: ignore[attr-defined]
         events.append(event)
-    y = np.array([q.get(f"x{i}", 0.0) for q in parts.values() for i in (1, 2)])
-    rows = [2 * names.index(c.split(".")[0]) + int(c[-1]) - 1 for c in columns]
-    t, pieces = start, []
+    rows = [2 * parts.names.index(c[0]) + int(c[-1]) - 1 for c in columns]
+    t, y, pieces, no_u = start, parts.x, [], np.zeros(0)
     while t < stop:
         got = solve_ivp(
-            rates,
-            (t, stop),
-            y,
-            "DOP853",
-            dense_output=True,
-            rtol=1e-12,
-            atol=1e-13,
-            events=events,
-            max_step=0.01,
-        )
+            lambda _, y: parts.rates(y, no_u), (t, stop), y, "DOP853", dense_output=True, rtol=1e-12,
+            atol=1e-13, events=events, max_step=0.01,
+        )  # fmt: skip
         end, y = float(got.t[-1]), got.y[:, -1].copy()
         of = lambda s, got=got, t=t: got.sol(t + s)[rows]
         pieces.append(Piece(t, end, of, 0.0))
-        for (k, floor, kept), found in zip(floors, got.t_events or []):
+        for (k, q), found in zip(floors, got.t_events or []):
             if len(found):
-                y[2 * k], y[2 * k + 1] = floor, -kept * y[2 * k + 1]
+                y[k], y[k + 1] = q["floor"], -q.get("keep2", 1.0) * y[k + 1]
         t = end
     return Truth(pieces)
 
@@ -486,13 +435,13 @@ def draw(seed: int, number: int, folder: Path, kind: str = "") -> Drawn:
     )
     if kind in ("swinging", "bouncing"):
         columns = ["a.x1", "b.x1", "b.x2"]
-        truth = bouncing(parts, wires, start, stop, columns)
+        truth = bouncing(Coupled(parts, wires, {}), start, stop, columns)
     else:
         for name in parts:
             for j in (1, 2):
                 if f"{name}.u{j}" not in wires and f"{name}.u{j}" not in free:
                     parts[name] |= {f"b{i}{j}": 0.0 for i in (1, 2)}
-        truth = LinearSystem(parts, wires, free).solve(start, stop, columns)
+        truth = linear(Coupled(parts, wires, free), start, stop, columns)
     has_events = is_hidden
     name = f"{'events' if has_events else 'linear'}{'' if kind != 'fixed step' else '_fixed'}.fmu"
     fmu = folder / name
@@ -501,7 +450,7 @@ def draw(seed: int, number: int, folder: Path, kind: str = "") -> Drawn:
     if kind == "fixed step":  # its table jumps at points that all runs have
         u = free[port]
         u.begins[1] = start + 4 * step * round((at - start) / (4 * step))
-        truth = LinearSystem(parts, wires, free).solve(start, stop, columns)
+        truth = linear(Coupled(parts, wires, free), start, stop, columns)
     values = {f"{p}.{v}": x for p, q in parts.items() for v, x in q.items()}
     if changes:
         values[port] = free[port].level[0]
