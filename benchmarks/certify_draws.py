@@ -227,9 +227,7 @@ def linear(parts: Coupled, start: float, stop: float, columns: Sequence[str]) ->
     inputs, resets, x = [*parts.free.values()], parts.resets(start, stop), parts.x.copy()
     no_x, no_u = np.zeros(len(x)), np.zeros(len(inputs))
     units = [(e, no_u) for e in np.eye(len(x))], [(no_x, e) for e in np.eye(len(inputs))]
-    M, B = (
-        np.array([parts.rates(*each) for each in some]).reshape(-1, len(x)).T for some in units
-    )
+    M, B = (np.array([parts.rates(*each) for each in some]).reshape(-1, len(x)).T for some in units)
     C, D = (
         np.array([[parts.column(c, *each) for each in some] for c in columns]) for some in units
     )

@@ -311,7 +311,7 @@ def _value(tree: dict[str, Any]) -> Any:
 
 def _outcome(text: str, is_sound: Callable[[Any], bool]) -> Outcome:
     """The outcome that a row tells; raises ValueError, TypeError, LookupError or AttributeError for none."""
-    outcome = Outcome(*json.loads(text, object_hook=_value))
+    outcome = Outcome._make(json.loads(text, object_hook=_value))
     texts = outcome.message, outcome.trace
     if outcome.status not in STATUSES or not all(isinstance(x, str) for x in texts):
         raise ValueError(text)

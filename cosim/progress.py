@@ -39,14 +39,14 @@ def bar(title: str, start: float, stop: float) -> Iterator[Callable[[float], Non
 
 
 @contextmanager
-def bar_of_runs(title: str, runs: int) -> Iterator[Callable[[float], None]]:
-    """A function to call with the share of so many runs that is done."""
+def bar_of_runs(title: str, runs: int) -> Iterator[Callable[..., None]]:
+    """A function to call with the share of so many runs that is done, and with how many have failed."""
     with _bar(title, MofNCompleteColumn(), runs) as show:
         yield show
 
 
 @contextmanager
-def _bar(title: str, column: ProgressColumn, total: float) -> Iterator[Callable[[float], None]]:
+def _bar(title: str, column: ProgressColumn, total: float) -> Iterator[Callable[..., None]]:
     """A function to call with the share of the total that is done, which a column shows."""
     columns = (TextColumn("{task.description}"), BarColumn(), column, TimeRemainingColumn())
     console = Console(stderr=True)
@@ -56,11 +56,12 @@ def _bar(title: str, column: ProgressColumn, total: float) -> Iterator[Callable[
         task = progress.add_task(title, total=total)
         last_update = 0.0
 
-        def show(fraction: float) -> None:
+        def show(fraction: float, failed: int = 0) -> None:
             nonlocal last_update
             now = time.monotonic()
             if now - last_update > REFRESH_INTERVAL or fraction >= 1.0:
                 last_update = now
-                progress.update(task, completed=type(total)(fraction * total))
+                words = f"{title}, {failed} failed" if failed else title
+                progress.update(task, completed=type(total)(fraction * total), description=words)
 
         yield show

@@ -93,20 +93,26 @@ class Evil:
         return Path.touch, (self.path,)
 
 
-OK_ROW = ["ok", "", "", {"tuple": [[["y", "m", ""]], {"array": [1, 2]}, []]}]
-#: Rows with a right checksum that no run can have written: numbers and text.
-FORGED: dict[str, tuple[list[float], str]] = {
-    "no JSON": ([0.1, 1.0, 0.0], "x"),
-    "nothing": ([0.1], "null"),
-    "deep": ([0.1], "[" * 20_000),
-    "an unknown status": ([0.1], json.dumps(["well", "", "", None])),
-    "a message that is none": ([0.1], json.dumps(["failed", 3, "", None])),
-    "no time": ([], json.dumps(["failed", "", "", None])),
-    "no answer": ([0.1], json.dumps(["ok", "", "", None])),
-    "a number too few": ([0.1, 1.0], json.dumps(OK_ROW)),
-    "a number too many": ([0.1, 1.0, 0.0, 2.0], json.dumps(OK_ROW)),
-    "a number as unit": ([0.1, 1.0, 0.0], json.dumps(OK_ROW).replace('"m"', "3")),
-    "an object": ([0.1, 1.0, 0.0], json.dumps(["ok", "", "", {"texts": "y"}])),
+def told(*outcome: Any) -> str:
+    """The text of a row."""
+    return json.dumps({"tuple": outcome})
+
+
+ANSWER = {"tuple": [[["y", "m", ""]], {"array": [1.0, 0.0], "shape": [1, 2]}, []]}
+GOOD = told("ok", ANSWER, "", 0.1, "")
+#: Texts of rows with a right checksum that no run can have written.
+FORGED = {
+    "no JSON": "x",
+    "nothing": "null",
+    "deep": "[" * 20_000,
+    "an unknown status": told("well", None, "", 0.1, ""),
+    "a message that is none": told("failed", None, 3, 0.1, ""),
+    "no time": told("failed", None, "", None, ""),
+    "no answer": told("ok", None, "", 0.1, ""),
+    "a piece too few": told("ok", ANSWER, ""),
+    "a number too many": GOOD.replace("0.0]", "0.0, 2.0]"),
+    "a number as unit": GOOD.replace('"m"', "3"),
+    "an object": told("ok", {"texts": "y"}, "", 0.1, ""),
 }
 #: What becomes of the bytes of a row on a bad disk.
 DAMAGE: dict[str, Callable[[bytes], bytes]] = {
@@ -131,7 +137,7 @@ def test_damaged_rows_of_a_study_are_done_again(
     shutil.copy(ROOT / "tests" / "hosts" / "plane.py", tmp_path)
     file, out, ledger = tmp_path / "some.toml", tmp_path / "out", tmp_path / "ledger"
     owned = tmp_path / "owned"
-    evil = {"code": ([0.1], pickle.dumps(Evil(owned)).decode("latin-1"))}
+    evil = {"code": pickle.dumps(Evil(owned)).decode("latin-1")}
     kinds = [*DAMAGE, *FORGED, *evil]
     text = GRID.replace("LEDGER", str(ledger)).replace("NUMBER", f"{2 * len(kinds)}.0")
     file.write_text(text.replace("RUNS", f"{2 * len(kinds) + 1}"))
@@ -150,8 +156,7 @@ def test_damaged_rows_of_a_study_are_done_again(
             assert DAMAGE[kind](row) != row
             row = DAMAGE[kind](row)
         elif kind:
-            numbers, text = {**FORGED, **evil}[kind]
-            row = record(number, np.array(numbers), text)
+            row = record(number, np.empty(0), {**FORGED, **evil}[kind])
         changed.append(row)
     path.write_bytes(b"".join(changed))
     capsys.readouterr()

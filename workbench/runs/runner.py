@@ -19,12 +19,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
 from cosim import SetupError
 from cosim.calls import MACHINE, OK, TIMEOUT, Caller, Outcome, wait_for_any
 from cosim.journal import OutcomeJournal, RunFailedError
+from cosim.progress import bar_of_runs
 from cosim.signals import handle_stop_signals
 from cosim.threads import available_cores
 
@@ -160,17 +158,16 @@ class Runner:
         with (
             handle_stop_signals(signal.default_int_handler),
             closing(fresh),
-            _progress_bar(len(tasks)) as progress,
+            bar_of_runs(title, len(tasks)) as show,
         ):
-            bar = progress.add_task(title, total=len(tasks), completed=len(done), failed=failed)
             try:
-                for key, outcome in fresh:
+                for number, (key, outcome) in enumerate(fresh, len(done) + 1):
                     failed += outcome.status != OK
                     if at_once:
                         _refuse_machine_faults(self.files, title, key, outcome)
                     if journal is not None and (at_once or outcome.status == OK):
                         journal[key] = outcome
-                    progress.update(bar, advance=1, failed=failed)
+                    show(number / len(tasks), failed)
                     yield key, outcome
             except KeyboardInterrupt:
                 if journal is None:
@@ -267,18 +264,3 @@ def _failure(number: str, task: object, outcome: Outcome) -> Exception:
         name = ", ".join(f"{key} = {reprlib.repr(x)}" for key, x in zip(fields, task))
     trace = f"\n{outcome.trace}" if outcome.status == "failed" and outcome.trace else ""
     return RunFailedError(f"{number} ({name}): {outcome.message}{trace}")
-
-
-def _progress_bar(count: int) -> Progress:
-    """Return a bar of several runs on a terminal, done, failed, time left; nothing anywhere else."""
-    console = Console(stderr=True)
-    return Progress(
-        "{task.description}",
-        BarColumn(),
-        MofNCompleteColumn(),
-        "{task.fields[failed]} failed",
-        TimeRemainingColumn(),
-        console=console,
-        redirect_stdout=False,
-        disable=count <= 1 or not console.is_terminal,
-    )
