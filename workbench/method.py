@@ -61,9 +61,9 @@ def refined(
     metrics: Mapping[str, Metric],
     derive: Any,
 ) -> tuple[Result, dict[str, Figure]]:
-    """Return a plain run, and metrics of it; the errors are those that finer runs show."""
+    """Return a plain run, and metrics of it; the errors are those that finer runs show, if they are wanted."""
     runs = []
-    for changes in ({}, *o.method.finer):
+    for changes in ({}, *(o.method.finer if context.certifies else ())):
         new = {name: Formula.read(text)(values) for name, text in changes.items()}
         start = {name: new.pop(name) for name in changes if "." in name}
         options = {name: type(getattr(o, name))(x) for name, x in new.items()}

@@ -20,9 +20,8 @@ from workbench.answer import parameters
 from workbench.charts.motion import Motion
 from workbench.figure import scaled
 
-from . import motion
 from .limit_formula import OrientatorParameters, rpm_of_squared
-from .products import RPM, fastest, run_product, simulated_limit
+from .products import RPM, fastest, pair, simulated_limit
 
 PLANE, RAISE = "orientator_limit.csv", "orientator_limit_dimensions.csv"
 LIMIT_COLUMNS = {
@@ -128,9 +127,7 @@ class FormulaComparison:
         limit = self.figures["limit"]
         if limit.error is None:
             return []
-        ends = (limit.value, limit.value + limit.error)
-        runs = {f"{x:.2f} rpm": run_product(self.base, self.friction, x, 1e-3) for x in ends}
-        return [motion.motion(f"{' works, '.join(runs)} does not", runs)]
+        return [pair(self.base, self.friction, limit.value, limit.value + limit.error)]
 
 
 def compare_with_formula(

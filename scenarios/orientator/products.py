@@ -12,10 +12,12 @@ import numpy as np
 import cosim
 from cosim import Result, System
 from workbench import Context, Figure, Number
+from workbench.charts.motion import Motion
 from workbench.find import Find, LineSearch, search
 from workbench.orbits import Motions, measured
 
 from . import machine as orientator
+from . import motion
 from .limit_formula import OrientatorParameters
 from .passage import STAGES_PASSED, Passage, last
 
@@ -65,6 +67,12 @@ def run_product(machine: System, mu: float, n: float, step: float) -> Result:
     """Run one product at a friction on the wall and a rotor speed [rpm]."""
     (product,) = Product.of(machine, mu, [n / RPM])
     return cosim.run(product.system(machine.parts), stop=product.stop, step=step)
+
+
+def pair(machine: System, mu: float, works: float, jams: float) -> Motion:
+    """Return the last product that is oriented beside the first that jams, by their rotor speeds [rpm]."""
+    runs = {f"{n:.7g} rpm": run_product(machine, mu, n, 1e-3) for n in (works, jams)}
+    return motion.motion(f"Friction {mu:g}: {' works, '.join(runs)} does not", runs)
 
 
 def table_of(products: Motions) -> DataFrame:

@@ -228,3 +228,14 @@ def test_what_is_neglected_has_the_same_bits_in_both_flavours() -> None:
     plain = run_product(replace(native, start=system(0.35).start), 0.35, 40.0, 5e-3)
     assert plain["orientator.orientation_time"][-1] == pytest.approx(0.2638050034, abs=1e-9)
     assert first["orientator.orientation_time"][-1] == pytest.approx(0.254603, abs=2e-5)
+
+
+def test_the_last_product_that_works_and_the_first_that_jams_stand_beside_each_other() -> None:
+    """They differ by a hundred-thousandth of their speed, and each has its name."""
+    answer = ask("orientation_time", speeds="40rpm,80rpm", frictions="0.35")
+    (motion,) = answer.show().motions
+    limit = answer.figures["limit_mu_0_35"]
+    for n in (limit.value, limit.value + limit.error):
+        assert f"{n:.7g} rpm" in motion.title
+    assert "oriented" in motion.captions[-1] and "jammed" in motion.captions[-1]
+    assert len([x for x in motion.shapes if x.name == "cup"]) == 2

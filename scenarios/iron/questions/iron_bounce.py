@@ -21,6 +21,7 @@ from workbench import (
     Context,
     Curve,
     Figure,
+    Findings,
     Judgement,
     Mark,
     Number,
@@ -40,6 +41,7 @@ from workbench.figure import scaled
 from workbench.judgement import Holds
 from workbench.live import REVOLUTION, moved
 from workbench.method import Run
+from workbench.question import Probe
 
 from .. import machine as iron
 from ..turn import Data, IronTurn
@@ -125,6 +127,10 @@ class IronBounce(IronTurn):
         run = partial(last_turn, self, plain.parts)
         rows = context.each(run, self.speeds, "speeds", probes=True)
         return context.record_rows(TABLE, UNITS, rows)
+
+    def probe(self, context: Context, found: Findings) -> Probe:
+        """The speed alone, without a sweep."""
+        return Probe(replace(self, speeds=(self.speed,)))
 
     def more_figures(self, f: Mapping[str, Figure], r: Data) -> dict[str, Figure]:
         """Return what is refused where a turn is not like the one before, or landings are not told apart, and the limit.

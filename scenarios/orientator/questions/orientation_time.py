@@ -32,11 +32,10 @@ from workbench import (
     option,
 )
 from workbench.charts.model import SERIES
-from workbench.charts.motion import Motion
 from workbench.figure import figure_of_figures, percent
 from workbench.options import check_fixed_starts
 
-from .. import formula_comparison, motion, neglected
+from .. import formula_comparison, neglected
 from .. import machine as orientator
 from ..products import (
     PRODUCT_STARTS,
@@ -46,7 +45,7 @@ from ..products import (
     Product,
     limit_of,
     oriented_and_jam,
-    run_product,
+    pair,
     until_jam,
 )
 
@@ -245,9 +244,3 @@ def figures(machine: System, products: Frame) -> dict[str, Figure]:
 def key(name: str, mu: float) -> str:
     """The name of a figure of a friction, "limit_mu_0_35"."""
     return f"{name}_mu_{mu:g}".replace(".", "_")
-
-
-def pair(machine: System, mu: float, works: float, jams: float) -> Motion:
-    """Return the last product that is oriented beside the first that jams, by their rotor speeds [rpm]."""
-    runs = {f"{n:.2f} rpm": run_product(machine, mu, n, 1e-3) for n in (works, jams)}
-    return motion.motion(f"Friction {mu:g}: {' works, '.join(runs)} does not", runs)
