@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 from cosim import SetupError
+from workbench import Context
 from workbench.answer import GivenValue, Table, parameters
 from workbench.charts.model import GridAxis
 from workbench.options import Option, at_least
@@ -26,7 +27,7 @@ from workbench.study.words import interval
 
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
-from .orbit import Drive
+from .orbit import Drive, DriveOrbit
 
 Real = NDArray[np.float64]
 SPEED_NAME = "speed"
@@ -77,26 +78,31 @@ class Plane(NamedTuple):
         machine, nu = self.at(x, y)
         return machine, np.broadcast_to(nu, x.shape)
 
-    def table(
-        self, drive: Drive, csv: str, figures: Mapping[str, str], **axes: str
-    ) -> tuple[Table, Motions]:
-        """Return the table of all points, row by row, whose axes "x" and "y" may have other names, and the motions.
+    def table(self, drive: Drive, csv: str, figures: Mapping[str, str]) -> tuple[Table, Motions]:
+        """Return the table of all points, row by row, and the motions."""
+        values = zip(*self.nodes())
+        inputs = {axis.name: (axis.along.unit, x) for axis, x in zip((self.x, self.y), values)}
+        return table_of_map(drive.context, csv, drive.asked(*self.points()), inputs, figures)
 
-        Raises
-        ------
-        SetupError
-            If no orbit is steady.
-        """
-        x, y = zip(*self.nodes())
-        inputs = {
-            axes.get(key, axis.name): (axis.along.unit, values)
-            for key, axis, values in (("x", self.x, x), ("y", self.y, y))
-        }
-        asked = drive.asked(*self.points())
-        table, motions = table_of(drive.context, csv, asked, inputs, figures)
-        if np.isnan(motions.multipliers).all():
-            raise SetupError("no orbit of the map is steady")
-        return table, motions
+
+def table_of_map(
+    context: Context,
+    csv: str,
+    asked: Sequence[DriveOrbit],
+    inputs: Mapping[str, tuple[str, Sequence[float]]],
+    figures: Mapping[str, str],
+) -> tuple[Table, Motions]:
+    """Return the table of questions, by unit and values of what varies, and their motions.
+
+    Raises
+    ------
+    SetupError
+        If no orbit is steady.
+    """
+    table, motions = table_of(context, csv, asked, inputs, figures)
+    if np.isnan(motions.multipliers).all():
+        raise SetupError("no orbit of the map is steady")
+    return table, motions
 
 
 class Sample(NamedTuple):

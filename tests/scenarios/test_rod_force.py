@@ -15,7 +15,6 @@ from scipy.optimize import minimize_scalar
 from scenarios.conveyor.first_order import NODE_ANGLES, SETS, Machine, rod_force
 from scenarios.conveyor.orbit import Drive as Runs
 from scenarios.conveyor.questions import rod_force as page
-from scenarios.conveyor.rod_force_map import unloading_spring
 from scenarios.conveyor.rod_waveform import peak, waveform
 from scenarios.conveyor.speed_sweep import SPEEDS
 from tests.conftest import ask, fmus_of
@@ -166,7 +165,7 @@ def test_the_spring_that_unloads_the_rod_is_that_of_exact_orbits(
     """Within its error; (17) misses it where the speed swings, and no spring near by is better."""
     finite = {"finite": True, "l": rod} if math.isfinite(rod) else {}
     start = {"conveyor.rod.finite": True, "conveyor.rod.l": rod} if finite else {}
-    stated = unloading_spring(DRIVE, machine.follow(start), nu)
+    stated = page.unloading_spring(DRIVE, machine.follow(start), nu)
     formula = machine.m * nu**2
 
     def exact(c: float) -> float:

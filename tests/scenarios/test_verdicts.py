@@ -228,7 +228,7 @@ def test_a_crank_that_stalls_has_no_overshoot() -> None:
 def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None:
     answer = ask("rod_force", speeds="25:55:7", springs="1e5:1e6:7", steps_per_rev=160)
     data, figure = answer.data, answer.figures["formula_off"]
-    ratio = (data.points["f_rod_formula"] / data.points["f_rod"]).to_numpy()
+    ratio = (data.table.frame["f_rod_formula"] / data.table.frame["f_rod"]).to_numpy()
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
     point_error = (100 * ratio * data.points["f_rod_error"] / data.points["f_rod"])[at]
     assert figure.error is not None and figure.error >= 0.999 * point_error > 0.0

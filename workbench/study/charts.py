@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from ..charts.model import SERIES, Chart, Curve, GridAxis, HeatMap, Look, Panel, Picture
+from ..answer import Table
+from ..charts.model import SERIES, Chart, Curve, GridAxis, HeatMap, Look, Mark, Panel, Picture
 from .file import Study
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
 MAX_CHARTS = 6
 #: Inputs that a map is over: derived, a plane has two axes.
 MAP_INPUTS = 2
+#: Values of a curve that have points; chosen: more run into each other.
+MOST_LINKED = 40
 ERROR = "_error"
 KINDS = {"S1": "S1, alone", "ST": "ST, with all interactions"}
 Units = Mapping[str, str]
@@ -30,7 +34,7 @@ def overview(
     if not names:
         return []
     if len(grid) == len(study.varied) == MAP_INPUTS:
-        return [_map(table, grid, name, units) for name in names]
+        return [heat_map(table, grid, name, units) for name in names]
 
     def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:
         panels = []
@@ -102,8 +106,31 @@ def spread(table: pd.DataFrame, name: str) -> Curve:
     return Curve(name, 100 * (np.arange(len(y)) + 0.5) / len(y), y, "blue", "step")
 
 
-def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> HeatMap:
-    """A figure over two inputs."""
+def curves_over(
+    table: Table,
+    x: str,
+    panels: Mapping[str, Mapping[str, str]],
+    title: str,
+    marks: Sequence[Mark] = (),
+) -> Chart:
+    """Return columns of a table over another one, as points where they have errors: what each is, by quantity and column."""
+    of_panels = []
+    for quantity, names in panels.items():
+        curves = []
+        for (name, text), color in zip(names.items(), SERIES):
+            error = table.columns.get(f"{name}{ERROR}")
+            look: Look = (
+                ("line" if len(table) > MOST_LINKED else "linked") if error is None else "points"
+            )
+            curves.append(Curve(text, table.columns[x], table.columns[name], color, look, error))
+        of_panels.append(Panel(quantity, table.units[next(iter(names))], curves))
+    return Chart(title, _label(x, table.units), of_panels, marks)
+
+
+def heat_map(
+    table: pd.DataFrame, grid: Sequence[str], name: str, units: Units, **more: Any
+) -> HeatMap:
+    """Return a figure over two inputs, with `more` of a heat map."""
     square = table.pivot_table(index=grid[1], columns=grid[0], values=name, dropna=False)
     x, y = (
         GridAxis(at, units.get(at) or "1", values, is_geometric(values))
@@ -111,7 +138,8 @@ def _map(table: pd.DataFrame, grid: Sequence[str], name: str, units: Units) -> H
             grid, (axis.to_numpy(dtype=float) for axis in (square.columns, square.index))
         )
     )
-    return HeatMap(name, x, y, _label(name, units), square.to_numpy())
+    whole = {"title": name, "quantity": _label(name, units), **more}
+    return HeatMap(x=x, y=y, values=square.to_numpy(), **whole)
 
 
 def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Picture]:

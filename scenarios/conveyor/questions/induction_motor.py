@@ -18,24 +18,21 @@ from scipy.optimize import brentq
 from cosim import SetupError
 from cosim.system import Value
 from workbench import (
-    Chart,
     Context,
-    Curve,
     Figure,
     Findings,
     Judgement,
     Mark,
-    Panel,
     Question,
     Show,
     Table,
     option,
 )
-from workbench.charts.model import LIFT, THEORY
 from workbench.figure import figure_of_figures
 from workbench.find import Find, find
 from workbench.orbits import STEP_MULTIPLES, measured
 from workbench.roots import roots_between
+from workbench.study.charts import curves_over
 
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
@@ -56,7 +53,14 @@ CURVE_POINTS = 100
 GUIDE_SPEEDS = 5
 #: Supply frequency where nothing is said [Hz].
 SUPPLY = 50.0
-MOTORS = {"linear": ("linear motor", "purple"), "kloss": ("full characteristic", "gold")}
+MOTORS = {"linear": "linear motor", "kloss": "full characteristic"}
+LAGS = {
+    "speed of 90 deg lag": {
+        **{f"nu_{x}": text for x, text in MOTORS.items()},
+        "nu_res": "formula (22), slope at the slip", "nu_flux": "rotor flux instead of (2)",
+    },
+    "damping ratio": {"zeta": "formula"},
+}  # fmt: skip
 COLUMNS = {
     "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
     "lag": "s", "zeta": "1", "nu_res": "rad/s", "nu_flux": "rad/s", "nu_linear": "rad/s",
@@ -129,7 +133,7 @@ class InductionMotor(Question, NameplateOptions):
         small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown_slip_speed)
         return Findings(
             sheet_figures(sheet, *lag_speeds_[0]) | extremes(heavy, small),
-            MotorData(drive, sheet, len(loads), table.frame, speeds.frame),
+            MotorData(drive, sheet, len(loads), table, speeds),
             conveyor_drive(context.fmus, sheet.machine.start(sheet.nu_res)),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
@@ -165,16 +169,27 @@ class InductionMotor(Question, NameplateOptions):
 
     def show(self, f: Mapping[str, Figure], r: MotorData) -> Show:
         """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
-        loads, slips = np.split(np.arange(1, len(r.rows)), [r.loads])
+        parts = {"load": slice(1, r.loads + 1), "breakdown_slip": slice(r.loads + 1, None)}
         charts = [
-            dependence(
-                "load", "load", "mean load torque at the resonance [N.m]", r.rows.iloc[loads]
-            ),
-            dependence(
-                "breakdown_slip", "breakdown slip", "breakdown slip [1]", r.rows.iloc[slips]
-            ),
-            over_speed(f, r),
+            curves_over(
+                Table.of_frame(r.table.frame[rows].sort_values(x), r.table.units),
+                x,
+                LAGS,
+                f"The 90 degree lag over the {x.replace('_', ' ')}",
+            )
+            for x, rows in parts.items()
         ]
+        marks = [
+            Mark.of(text, f[f"nu_{x}"])
+            for x, text in MOTORS.items()
+            if f[f"nu_{x}"].error is not None
+        ]
+        ripples = {
+            quantity: {f"{name}_{x}": text for x, text in MOTORS.items()}
+            for name, quantity in (("tau2", "torque ripple"), ("lag", "lag behind the load"))
+        }
+        title = "The full characteristic and a linear motor of its slope"
+        charts.append(curves_over(r.speeds, "nu", ripples, title, marks))
         return Show(charts, *motion.revolution(r.drive, r.motor.tangent, r.motor.nu_res))
 
 
@@ -272,8 +287,8 @@ class MotorData(NamedTuple):
     drive: Drive
     motor: Motor
     loads: int
-    rows: Any
-    speeds: Any
+    table: Table
+    speeds: Table
 
 
 def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
@@ -353,54 +368,3 @@ def flux_lag_figure(motor: Motor, where: str) -> Figure:
 def percent_above(x: Figure, base: Figure) -> Figure:
     """Return how far a figure is above another [%]."""
     return figure_of_figures(lambda x, base: 100.0 * (x / base - 1.0), x, base, unit="%")
-
-
-def dependence(column: str, name: str, x: str, rows: Any) -> Chart:
-    """The place of the resonance and its damping over what moves them."""
-    rows = rows.sort_values(column)
-    at = rows[column]
-    lag_curves = [
-        Curve("formula (22), slope at the slip", at, rows["nu_res"], THEORY, "theory"),
-        Curve("rotor flux instead of (2)", at, rows["nu_flux"], "black", "theory"),
-    ]
-    for key, (label, color) in MOTORS.items():
-        nu = rows[f"nu_{key}"]
-        lag_curves.append(Curve(label, at, nu, color, "points", rows[f"nu_{key}_error"]))
-    damping = [Curve("formula", at, rows["zeta"], LIFT, "linked")]
-    first, last = (float(rows["nu_kloss"].iloc[k]) for k in (0, -1))
-    title = f"The 90 degree lag over the {name}"
-    if math.isfinite(first) and math.isfinite(last) and first != last:
-        title = f"From the smallest {name} to the largest, the 90 degree lag moves from {first:.4g} to {last:.4g} rad/s"
-    return Chart(
-        title,
-        x,
-        [
-            Panel("speed of 90 deg lag", "rad/s", lag_curves),
-            Panel("damping ratio", "1", damping, includes=(0.0,)),
-        ],
-    )
-
-
-def over_speed(f: Mapping[str, Figure], r: MotorData) -> Chart:
-    """Ripple and lag of both motors, and first-order theory."""
-    nu, tangent = (
-        np.linspace(r.motor.speeds_around_resonance[0], r.motor.speeds_around_resonance[-1], 300),
-        r.motor.tangent,
-    )
-    torque = tangent.torque_ripple(nu)
-    lag = np.angle(tangent.load_ripple(nu) / torque, deg=True) % 360.0
-    panels = []
-    for name, quantity, unit, theory in (
-        ("tau2", "torque ripple", "N.m", abs(torque)),
-        ("lag", "lag behind the load", "deg", lag),
-    ):
-        curves = [Curve("first-order theory", nu, theory, THEORY, "theory")]
-        for motor, (label, color) in MOTORS.items():
-            y, error = (r.speeds[f"{name}_{motor}{x}"] for x in ("", "_error"))
-            curves.append(Curve(label, r.speeds["nu"], y, color, "points", error))
-        panels.append(
-            Panel(quantity, unit, curves, [Mark(90.0, "90 deg")] if name == "lag" else [])
-        )
-    marks = [Mark.of(MOTORS[x][0], f[f"nu_{x}"]) for x in MOTORS if f[f"nu_{x}"].error is not None]
-    title = "The full characteristic and a linear motor of its slope"
-    return Chart(title, "operating speed [rad/s]", panels, marks)

@@ -8,30 +8,26 @@ angles.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from operator import sub
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from workbench import (
-    Chart,
     Context,
-    Curve,
     Figure,
     Findings,
     Judgement,
     Mark,
-    Panel,
     Question,
     Show,
     Table,
     option,
 )
-from workbench.charts.model import POWER, SPEED, THEORY, TORQUE, SecondUnit
 from workbench.figure import figure_of_figures
 from workbench.orbits import table_of
+from workbench.study.charts import curves_over
 
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
@@ -41,11 +37,24 @@ from ..machine import conveyor_drive, followed
 from ..options import LINEAR_MOTOR_STARTS, speeds_of
 from ..orbit import MEANS, Drive
 from ..papers import cited
-from ..second_order import means
 from ..speed_sweep import SPEEDS
 from ..step_response import DRIFT, STARTS, drifts
 
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
+#: What is drawn of both tables.
+ABOVE = {
+    quantity: {f"{x}{end}": f"{text}, {kind}" for x, text in names.items() for end, kind in (("", "co-simulation"), ("_theory", "second-order theory"))}
+    for quantity, names in (
+        ("mean torque above formula (24)", {"torque": "with ripple"}),
+        ("mean speed above nominal", {"speed": "over time", "angle": "over the angle"}),
+        ("power above that without ripple",
+         {"supply": "from the supply", "motor": "heat in the motor", "trough": "into the trough"}),
+    )
+}  # fmt: skip
+STEP_CURVES = {
+    "w": "one of the starts", "mean": f"mean of {STARTS} starts", "mean_16": "settling formula (16)",
+    "mean_whole": "with the term it neglects",
+}  # fmt: skip
 #: Band of a settled step response [%], by which textbooks of control define its settling time.
 SETTLED = 2.0
 
@@ -93,7 +102,7 @@ class MeanValues(Question):
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
             compared(at) | figures,
-            MeanData(machine, drive, operating, table.frame, step_response.frame),
+            MeanData(machine, drive, operating, table, step_response),
             conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
@@ -104,7 +113,9 @@ class MeanValues(Question):
 
     def judgements(self, f: Mapping[str, Figure], r: MeanData) -> list[Judgement]:
         """What the ripple costs, and how accurate the settling formula (16) is."""
-        rises = f"it still rises at the end of the run at {r.step_response['time'].iloc[-1]:.3g} s"
+        rises = (
+            f"it still rises at the end of the run at {r.step_response.columns['time'][-1]:.3g} s"
+        )
         return [
             Judgement(
                 f"mean torque at {r.operating:g} rad/s",
@@ -124,30 +135,28 @@ class MeanValues(Question):
 
     def show(self, f: Mapping[str, Figure], r: MeanData) -> Show:
         """Means over the speed beside theory, the drift of the mean, one revolution."""
-        charts = [over_speed(f, r), step_response(f, r)]
-        return Show(
-            charts,
-            *motion.revolution(
-                r.drive,
-                r.machine,
-                r.operating,
-            ),
-        )
+        at = Mark(r.operating, f"operating speed {r.operating:g} rad/s")
+        title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
+        charts = [
+            curves_over(above_plain(r.means), "nu", ABOVE, "Means over the speed", [at]),
+            curves_over(r.step_response, "time", {"crank speed": STEP_CURVES}, title),
+        ]
+        return Show(charts, *motion.revolution(r.drive, r.machine, r.operating))
 
 
 class MeanData(NamedTuple):
-    """The machine and how it is run, the operating speed [rad/s], rows of both tables."""
+    """The machine and how it is run, the operating speed [rad/s], both tables."""
 
     machine: Machine
     drive: Drive
     operating: float
-    rows: Any
-    step_response: Any
+    means: Table
+    step_response: Table
 
     @property
     def still_rises(self) -> bool:
         """Whether the mean speed is above that of the new supply, and largest, at the end of the step response."""
-        mean = self.step_response["mean"].to_numpy()
+        mean = self.step_response.columns["mean"]
         return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
 
 
@@ -177,65 +186,12 @@ def compared(at: Mapping[str, Figure]) -> dict[str, Figure]:
     return all_figures
 
 
-def over_speed(f: Mapping[str, Figure], r: MeanData) -> Chart:
-    """Mean torque, mean speeds from the nominal one, powers above those without ripple."""
-    nu = np.linspace(r.rows["nu"].min(), r.rows["nu"].max(), 400)
-    theory, plain = means(r.machine, nu), means(r.machine, nu, ripple=False)
-
-    def pair(label: str, name: str, color: str, less: Any = None) -> list[Curve]:
-        base = 0.0 if less is None else r.rows[less]
-        without = {None: 0.0, "nu": nu}.get(less, plain._asdict()[name])
-        line = theory._asdict()[name] - without
-        points = r.rows[name] - base
-        return [
-            Curve(f"{label}, second-order theory", nu, line, color, "theory"),
-            Curve(
-                f"{label}, co-simulation",
-                r.rows["nu"],
-                points,
-                color,
-                "points",
-                r.rows[f"{name}_error"],
-            ),
-        ]
-
-    torque = pair("with ripple", "torque", TORQUE)
-    torque.insert(0, Curve("without ripple, formula (24)", nu, plain.torque, THEORY, "theory"))
-    speed = [
-        *pair("over time", "speed", SPEED, "nu"),
-        *pair("over the angle", "angle", "sky", "nu"),
-    ]
-    power = [
-        curve
-        for name, label, color in (
-            ("supply", "from the supply", POWER),
-            ("motor", "heat in the motor", TORQUE),
-            ("trough", "into the trough", "green"),
-        )
-        for curve in pair(label, name, color, f"{name}_plain")
-    ]
-    return Chart(
-        "Means over the speed",
-        "nominal mean speed [rad/s]",
-        [
-            Panel("mean torque", "N.m", torque, includes=(0.0,)),
-            Panel("mean speed above nominal", "rad/s", speed),
-            Panel("power above that without ripple", "W", power),
-        ],
-        [Mark(r.operating, f"operating speed {r.operating:g} rad/s")],
-        second=SecondUnit("rpm", 30 / math.pi),
-    )
-
-
-def step_response(f: Mapping[str, Figure], r: MeanData) -> Chart:
-    """The mean speed after a step of the supply, and what both equations make of it."""
-    t = 1e3 * r.step_response["time"]
-    curves = [
-        Curve("one of the starts", t, r.step_response["w"], "sky"),
-        Curve(f"mean of {STARTS} starts", t, r.step_response["mean"], SPEED),
-        Curve("settling formula (16)", t, r.step_response["mean_16"], TORQUE, "theory"),
-        Curve("with the term it neglects", t, r.step_response["mean_whole"], "black", "theory"),
-    ]
-    title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
-    level = Mark(r.operating, f"nominal {r.operating:g} rad/s")
-    return Chart(title, "time [ms]", [Panel("crank speed", "rad/s", curves, [level])])
+def above_plain(table: Table) -> Table:
+    """Return the table less the means without ripple."""
+    columns = {
+        name: x
+        if name == "nu" or name.endswith("_error")
+        else x - table.columns[f"{name.partition('_')[0]}_plain"]
+        for name, x in table.columns.items()
+    }
+    return Table(columns, table.units)

@@ -11,46 +11,50 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
-from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Figure,
+    Findings,
+    Judgement,
+    Mark,
+    Question,
+    Show,
+    Table,
+    option,
+)
 from workbench.answer import parameters
-from workbench.charts.model import GridAxis, Picture
+from workbench.charts.model import Curve, HeatMap, Level, Picture
 from workbench.judgement import Holds
 from workbench.orbits import (
+    PEAK_ORDER,
     STEP_MULTIPLES,
     Motions,
+    at_zero_step,
+    figure_of,
     orbit_figure,
 )
+from workbench.study.charts import curves_over, heat_map
 
 from .. import motion
 from ..drive_orbits import require_enough_steps_per_rev
-from ..first_order import SETS, rod_force
+from ..first_order import NODE_ANGLES, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, followed
 from ..options import RippleOptions, by_set
 from ..orbit import OPERATING, Drive
 from ..papers import cited
-from ..parameter_plane import (
-    SPEED_NAME,
-    ParameterAxis,
-    Plane,
-    extreme,
-)
-from ..rod_force_map import (
-    FAR,
-    SPRINGS,
-    RodForceData,
-    maps,
-    over_angle,
-    over_speed,
-    unloading_spring,
-)
+from ..parameter_plane import extreme, table_of_map
 from ..rod_waveform import (
     CLOSE,
+    ROD_FORCE,
+    best_spring,
     best_spring_between,
     peak,
     springs_around,
@@ -59,7 +63,9 @@ from ..rod_waveform import (
 from ..speed_sweep import LAG, LARGEST_PEAKED_ZETA, SpeedSweep, locate
 
 Real = NDArray[np.float64]
-TABLE, SPRING = "rod_force.csv", "conveyor.spring.c"
+TABLE = "rod_force.csv"
+FAR = "it lies far from that of formula (17)"
+SPRINGS = {"": "machine's spring", "_unloaded": "spring that unloads the rod"}
 COLUMNS = {
     "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
@@ -101,19 +107,18 @@ class RodForce(Question, RippleOptions):
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
         drive = Drive.of(context, self)
         require_enough_steps_per_rev(self, present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
-        across = GridAxis("operating speed", "rad/s", np.array(self.speeds))
-        up = GridAxis("stiffness of the spring", "N/m", np.array(self.springs))
-        plane = Plane(ParameterAxis(SPEED_NAME, across), ParameterAxis(SPRING, up), present, nu)
-
-        table, motions = plane.table(drive, TABLE, COLUMNS, x="nu", y="c")
+        c, nus = (x.ravel() for x in np.meshgrid(self.springs, self.speeds, indexing="ij"))
+        inputs = {"nu": ("rad/s", nus.tolist()), "c": ("N/m", c.tolist())}
+        asked = drive.asked(replace(present, c=c), nus)
+        table, motions = table_of_map(context, TABLE, asked, inputs, COLUMNS)
         table = with_theory(table, motions, length)
         spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
         data = RodForceData(
-            drive, length, plane, table.frame, motions, machines,
-            {name: drive.motions(x, self.speeds, 1) for name, x in machines.items()},
-            {name: drive.motions(x, [nu]) for name, x in machines.items()},
+            drive, length, nu, table, machines,
+            {name: SpeedSweep(drive.motions(x, self.speeds, 1)) for name, x in machines.items()},
+            {name: SpeedSweep(drive.motions(x, [nu])) for name, x in machines.items()},
         )  # fmt: skip
         return Findings(
             {
@@ -132,7 +137,7 @@ class RodForce(Question, RippleOptions):
 
     def judgements(self, f: Mapping[str, Figure], r: RodForceData) -> list[Judgement]:
         """The advice, what formula (17) says, and the effect on the resonance."""
-        at = f"at {r.plane.speed:g} rad/s ({r.plane.speed * 30 / math.pi:.4g} rpm)"
+        at = f"at {r.speed:g} rad/s ({r.speed * 30 / math.pi:.4g} rpm)"
         present, formula, spring = (f[f"spring{x}"] for x in ("", "_formula", "_unloaded"))
         by_formula = Judgement(
             "spring by the rod-force formula (17), which takes the speed as constant", formula
@@ -149,7 +154,7 @@ class RodForce(Question, RippleOptions):
         error = None if least.error is None else WELL * least.error
         resonance = (
             "resonance"
-            if r.plane.machine.zeta <= LARGEST_PEAKED_ZETA
+            if r.machines[""].zeta <= LARGEST_PEAKED_ZETA
             else "90 degree lag, which is no resonance,"
         )
         nearly = Judgement(
@@ -173,15 +178,47 @@ class RodForce(Question, RippleOptions):
 
     def show(self, f: Mapping[str, Figure], r: RodForceData) -> Show:
         """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
-        best, nu = list(r.machines.values())[-1], r.plane.speed
+        best = list(r.machines.values())[-1]
         pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.torque_ripple_limit)]
-        turn = motion.revolution(r.drive, best, nu)
-        return Show(pictures, *turn)
+        return Show(pictures, *motion.revolution(r.drive, best, r.speed))
+
+
+class RodForceData(NamedTuple):
+    """How machines are run, the length of their rod, infinite if much longer than the crank [m], the operating speed
+    [rad/s], and the table of the map; the machine with its spring and, if it is known, the one that unloads the rod, with
+    their motions at the speeds of the map, and at the operating speed.
+    """
+
+    drive: Drive
+    length: float
+    speed: float
+    table: Table
+    machines: Mapping[str, Machine]
+    sweeps: Mapping[str, SpeedSweep]
+    operating: Mapping[str, SpeedSweep]
+
+
+def unloading_spring(drive: Drive, machine: Machine, nu: float) -> Figure:
+    """The spring with the least peak of the rod force at nu: between orbits around that of (17), and
+    again with one more at the place.
+    """
+    meaning, springs = "spring with the smallest peak of the rod force", springs_around(machine, nu)
+    guesses = np.full(len(STEP_MULTIPLES), np.nan)
+    for _ in range(2):
+        motions = drive.motions(replace(machine, c=springs), np.full(len(springs), nu))
+        if problem := next(filter(None, motions.problems), ""):
+            return Figure.undetermined("N/m", problem, meaning)
+        found = np.array([best_spring(springs, x) for x in motions.turn[ROD_FORCE]])
+        if np.isnan(found).any():
+            return Figure.undetermined("N/m", FAR, meaning)
+        guesses, before, springs = found, guesses, np.append(springs, found[0])
+    noise = np.abs(guesses - before) + CLOSE * guesses
+    return figure_of(at_zero_step(guesses, PEAK_ORDER, noise), (), "N/m", meaning)
 
 
 def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """The spring of the machine, and the one that unloads the rod: measured, by formula, by theory."""
-    present, nu = r.plane.machine, r.plane.speed
+    present, nu = r.machines[""], r.speed
     low, high = springs_around(present, nu)[[0, -1]].tolist()
     theory = best_spring_between(lambda c: waveform(replace(present, c=c), r.length, nu), low, high)
     meaning = "that by theory to first order in the speed ripple"
@@ -197,11 +234,12 @@ def springs(r: RodForceData, spring: Figure) -> dict[str, Figure]:
 
 def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Figure]:
     """What rod and motor bear with either spring at the operating speed, and where it is resonant."""
-    nu, all_figures = r.plane.speed, dict[str, Figure]()
-    span = np.linspace(r.speeds[0], r.speeds[-1], 1000)
-    located = locate(r.drive.context, [SpeedSweep(x) for x in r.sweeps.values()])
+    nu, all_figures = r.speed, dict[str, Figure]()
+    speeds = r.table.columns["nu"]
+    span = np.linspace(speeds.min(), speeds.max(), 1000)
+    located = locate(r.drive.context, list(r.sweeps.values()))
     for (name, machine), features in zip(r.machines.items(), located):
-        label, at = f"with the {SPRINGS[name][0]}", SpeedSweep(r.operating[name])
+        label, at = f"with the {SPRINGS[name]}", r.operating[name]
         more = (spring.error or 0.0) if name else 0.0
         shifted = replace(machine, c=machine.c + more)
         formula, other = (float(abs(rod_force(x, nu))) for x in (machine, shifted))
@@ -242,9 +280,79 @@ def agreement(r: RodForceData) -> dict[str, Figure]:
         ("theory_off", "f_rod", "f_rod_theory", "rod force of theory with the ripple"),
         ("tau2_off", "tau2", "tau2_theory", "torque ripple of theory"),
     ):
-        value, error = (r.points[x].to_numpy() for x in (simulated, f"{simulated}_error"))
-        ratio = r.points[theory].to_numpy() / value
+        value, error = (r.table.columns[x] for x in (simulated, f"{simulated}_error"))
+        ratio = r.table.columns[theory] / value
         size, unsure = extreme(100.0 * np.abs(ratio - 1.0), 100.0 * ratio * error / value)
         meaning = f"largest deviation of the {what} from co-simulation on the map"
         all_figures[name] = orbit_figure(size, unsure, "%", meaning, "")
     return all_figures
+
+
+def over_angle(r: RodForceData) -> Chart:
+    """The rod force over the crank angle at the operating speed with each spring: formula, theory, co-simulation."""
+    columns, panels = {"crank angle": np.degrees(NODE_ANGLES)}, {}
+    for name, machine in r.machines.items():
+        simulated = r.operating[name].motions.turn[ROD_FORCE][0, 0]
+        step = len(NODE_ANGLES) // len(simulated)
+        columns["crank angle"] = np.degrees(NODE_ANGLES[::step])
+        for key, kind in (("formula", True), ("theory", False)):
+            wave = waveform(machine, r.length, r.speed, at_constant_speed=kind)
+            columns[f"{key}{name}"] = wave[::step]
+        columns[f"orbit{name}"] = simulated
+        panels[f"rod force, {1e-3 * machine.c:.4g} kN/m"] = {
+            f"formula{name}": "constant speed, formula (17)",
+            f"theory{name}": "with the speed ripple",
+            f"orbit{name}": "co-simulation",
+        }
+    table = Table(columns, {"crank angle": "deg"} | dict.fromkeys([*columns][1:], "N"))
+    title = f"Rod force over a revolution at {r.speed:g} rad/s"
+    return curves_over(table, "crank angle", panels, title)
+
+
+def over_speed(r: RodForceData) -> Chart:
+    """Rod force and torque ripple over the speed with either spring, and theory."""
+    first = next(iter(r.sweeps.values()))
+    columns, units = {"operating speed": first.columns["nu"]}, {"operating speed": "rad/s"}
+    panels: dict[str, dict[str, str]] = {"largest rod force": {}, "torque ripple": {}}
+    for name, machine in r.machines.items():
+        of_orbits = r.sweeps[name].motions.columns
+        force = np.array([peak(waveform(machine, r.length, nu)) for nu in first.speeds])
+        for names, figure, theory in zip(
+            panels.values(), ("f_rod_peak", "tau2"), (force, of_orbits["tau2_theory"].value)
+        ):
+            keys = f"{figure}{name}", f"{figure}_theory{name}"
+            columns |= zip(keys, (of_orbits[figure].steps[0], theory))
+            units |= dict.fromkeys(keys, of_orbits[figure].unit)
+            names |= zip(keys, (SPRINGS[name], f"theory, {SPRINGS[name]}"))
+    marks = [Mark(r.speed, f"operating speed {r.speed:g} rad/s"), resonance_mark(r)]
+    title = "Rod force and torque ripple over the speed"
+    return curves_over(Table(columns, units), "operating speed", panels, title, marks)
+
+
+def resonance_mark(r: RodForceData) -> Mark:
+    """The resonance with the machine's spring, by formula (22)."""
+    nu = r.machines[""].nu_res
+    return Mark(nu, f"resonance {nu:.4g} rad/s")
+
+
+def maps(r: RodForceData, limit: float) -> list[HeatMap]:
+    """Rod force and torque ripple over speed and spring, with formula (17), and the limit of the torque ripple [N.m]."""
+    frame = r.table.frame
+    ripple, nu = frame["tau2"].where(frame["tau2"] > 0.0), frame["nu"].unique()
+    frame = frame.assign(tau2=ripple, f_rod=frame["f_rod"].where(frame["f_rod"] > 0.0))
+    formula = r.machines[""].m * nu**2
+    inside = (frame["c"].min() <= formula) & (formula <= frame["c"].max())
+    curves = [
+        Curve("formula (17)", nu[inside], formula[inside], "sky", "theory"),
+        *(
+            Curve(SPRINGS[name], [r.speed], [machine.c], color, "points")
+            for (name, machine), color in zip(r.machines.items(), ("red", "blue"))
+        ),
+    ]
+    reached = ripple.min() < limit < ripple.max()
+    level = [Level(limit, f"torque ripple of {limit:g} N.m")] if reached else []
+    return [
+        heat_map(frame, ["nu", "c"], name, r.table.units, title=title, curves=curves, log=True,
+                 marks=[resonance_mark(r)], levels=levels)
+        for name, title, levels in (("f_rod", "Largest rod force", []), ("tau2", "Torque ripple", level))
+    ]  # fmt: skip
