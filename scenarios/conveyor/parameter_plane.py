@@ -41,35 +41,28 @@ MARGIN = 3.0
 MOST_TOLERANCE = 99.0
 
 
-class ParameterAxis(NamedTuple):
-    """A parameter and its values."""
-
-    name: str
-    along: GridAxis
-
-
 class Plane(NamedTuple):
     """Two axes; all else is as in `machine`, which turns at `speed` [rad/s] unless x is the speed."""
 
-    x: ParameterAxis
-    y: ParameterAxis
+    x: GridAxis
+    y: GridAxis
     machine: Machine
     speed: float
 
     @property
     def units(self) -> dict[str, str]:
         """Those of both axes, by name."""
-        return {axis.name: axis.along.unit for axis in (self.x, self.y)}
+        return {axis.quantity: axis.unit for axis in (self.x, self.y)}
 
     def at(self, x: Any, y: Any) -> tuple[Machine, Any]:
         """The machine at a point, or machines at arrays of points, and its mean speed [rad/s]."""
-        coordinates = {self.x.name: x, self.y.name: y}
+        coordinates = {self.x.quantity: x, self.y.quantity: y}
         nu = coordinates.pop(SPEED_NAME, self.speed)
         return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
     def nodes(self) -> list[tuple[float, float]]:
         """Coordinates x and y of all points, row by row."""
-        x, y = self.x.along.values.tolist(), self.y.along.values.tolist()
+        x, y = self.x.values.tolist(), self.y.values.tolist()
         return [(column, level) for level in y for column in x]
 
     def points(self) -> tuple[Machine, Real]:
@@ -81,7 +74,7 @@ class Plane(NamedTuple):
     def table(self, drive: Drive, csv: str, figures: Mapping[str, str]) -> tuple[Table, Motions]:
         """Return the table of all points, row by row, and the motions."""
         values = zip(*self.nodes())
-        inputs = {axis.name: (axis.along.unit, x) for axis, x in zip((self.x, self.y), values)}
+        inputs = {axis.quantity: (axis.unit, x) for axis, x in zip((self.x, self.y), values)}
         return table_of_map(drive.context, csv, drive.asked(*self.points()), inputs, figures)
 
 
@@ -145,7 +138,7 @@ class BuiltMachines(NamedTuple):
 
     def at(self, row: int, x: Any, number: Any) -> tuple[Machine, Any]:
         """Some of the machines at an array of x, and their mean speeds [rad/s]."""
-        machine, nu = self.plane.at(x, float(self.plane.y.along.values[row]))
+        machine, nu = self.plane.at(x, float(self.plane.y.values[row]))
         parts = {FIELDS[name]: factor[number] for name, factor in self.factors.items()}
         changed: dict[str, Any] = {name: vars(machine)[name] * x for name, x in parts.items()}
         return replace(machine, **changed), nu
@@ -153,10 +146,10 @@ class BuiltMachines(NamedTuple):
     def sample(self, row: int, x: Real) -> Sample:
         """All machines of a row, each at its worst x."""
         machines, nu = self.at(row, x, (slice(None), None))
-        ratio = np.interp(x, self.plane.x.along.values, self.ratio[row])
+        ratio = np.interp(x, self.plane.x.values, self.ratio[row])
         expected = np.atleast_2d(np.abs(machines.torque_ripple(nu)) * ratio)
-        position = {self.plane.x.name: float(x[0])} if len(x) == 1 else {}
-        position[self.plane.y.name] = float(self.plane.y.along.values[row])
+        position = {self.plane.x.quantity: float(x[0])} if len(x) == 1 else {}
+        position[self.plane.y.quantity] = float(self.plane.y.values[row])
         return Sample(position, row, x[expected.argmax(axis=1)], expected.max(axis=1))
 
     def check(
@@ -221,22 +214,19 @@ def parameter(fmus: Mapping[str, Path], name: str) -> GivenValue:
     return parameters(conveyor_drive(fmus, {}))[name]
 
 
-def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> ParameterAxis:
+def axis(fmus: Mapping[str, Path], option: str, text: str, least: int) -> GridAxis:
     """Read NAME=FROM:TO:NUMBER[:log], at least so many values; raises SetupError."""
     name, _, numbers = text.partition("=")
     if name == SPEED_NAME and option != "x":
         raise SetupError(f"--{option} {text}: the speed belongs on x")
-    label, unit = "operating speed", "rad/s"
-    if name != SPEED_NAME:
-        _, unit, meaning = parameter(fmus, name)
-        label = f"{meaning[:1].lower()}{meaning[1:]}\n{name}"
+    unit = "rad/s" if name == SPEED_NAME else parameter(fmus, name).unit
     log = numbers.endswith(":log")
     given = Option(name, float, many=True, unit=unit, bounds={"above": 0.0})
     values = np.array(given.read(numbers.removesuffix(":log"), f"--{option} {name}"))
     at_least(f"--{option} number of values of {name}", len(values), least)
     if log:
         values = np.geomspace(values[0], values[-1], len(values))
-    return ParameterAxis(name, GridAxis(label, unit, values, log))
+    return GridAxis(name, unit, values, log)
 
 
 def shares(

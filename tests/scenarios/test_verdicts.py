@@ -230,7 +230,7 @@ def test_the_largest_deviation_carries_the_coupling_error_of_its_point() -> None
     data, figure = answer.data, answer.figures["formula_off"]
     ratio = (data.table.frame["f_rod_formula"] / data.table.frame["f_rod"]).to_numpy()
     at = int(np.nanargmax(np.abs(ratio - 1.0)))
-    point_error = (100 * ratio * data.points["f_rod_error"] / data.points["f_rod"])[at]
+    point_error = (100 * ratio * data.table.frame["f_rod_error"] / data.table.frame["f_rod"])[at]
     assert figure.error is not None and figure.error >= 0.999 * point_error > 0.0
 
 

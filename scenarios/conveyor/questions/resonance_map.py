@@ -12,17 +12,30 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim import SetupError
-from workbench import Context, Figure, Findings, Judgement, Question, Show, Table, option
+from workbench import (
+    Chart,
+    Context,
+    Curve,
+    Figure,
+    Findings,
+    Judgement,
+    Question,
+    Show,
+    Table,
+    option,
+)
+from workbench.charts.model import GridAxis, HeatMap, Level, Span
 from workbench.find import Find, LineSearch, search
 from workbench.options import check_fixed_starts
 from workbench.orbits import STEP_MULTIPLES, Motions, orbit_figure
-from workbench.study.words import interval
+from workbench.study.charts import curves_over, heat_map
+from workbench.study.words import interval, stretches_of
 
 from .. import motion
 from ..drive_orbits import require_enough_steps_per_rev
@@ -43,7 +56,6 @@ from ..parameter_plane import (
     shares,
     span,
 )
-from ..risk_map import NEARLY_ALL, SURE, Map, chart_of_rows, maps, stretches
 from ..speed_sweep import first_lag
 
 if TYPE_CHECKING:
@@ -68,11 +80,17 @@ SPEEDS = 61
 TABLE, ROWS_TABLE = "resonance_map.csv", "resonance_map_rows.csv"
 COLUMNS = {"tau2": "ripple", "gain": "gain", "lag": "lag", "tau2_theory": "ripple_theory"}
 UNITS = {"ripple": "N.m", "ripple_error": "N.m", "gain": "1", "gain_error": "1", "lag": "deg", "lag_error": "deg",
-         "ripple_theory": "N.m", "probability": "1"}  # fmt: skip
+         "ripple_theory": "N.m", "probability": "1", "ripple_in_range": "N.m", "probability_in_range": "1"}  # fmt: skip
 #: What a row is searched for.
 SOUGHT: tuple[tuple[str, float | str], ...] = (("lag", 90.0), ("tau2", "largest"))
+#: Probability up to which nearly all machines stay clear; a convention.
+SURE = 0.01
+NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
+RIDGE_NAMES = {
+    "formula": "formula (22)", "lag_90": "90 deg lag", "peak": "largest torque ripple",
+}  # fmt: skip
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
-RANGES = {"ripple_in_range": "N.m", "probability_in_range": "1"}
+RANGES = ("ripple_in_range", "probability_in_range")
 
 
 class ResonanceMap(Question, RippleOptions):
@@ -136,7 +154,6 @@ class ResonanceMap(Question, RippleOptions):
             self.torque_ripple_limit,
             drive,
         )
-        y = {plane.y.name: plane.y.along.unit}
         return Findings(
             figures(points, rows) | check_figures(checks, error),
             map_,
@@ -144,10 +161,8 @@ class ResonanceMap(Question, RippleOptions):
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={
-                TABLE: Table.of_frame(points, plane.units | UNITS),
-                ROWS_TABLE: Table.of_frame(
-                    map_.rows, y | dict.fromkeys(RIDGES, plane.x.along.unit) | RANGES
-                ),
+                TABLE: Table.of_frame(points, map_.units),
+                ROWS_TABLE: Table.of_frame(map_.rows, map_.units),
             },
             facts={
                 "range": within,
@@ -175,15 +190,16 @@ class ResonanceMap(Question, RippleOptions):
         if r.within is None:
             ripple = r.points["ripple"].dropna()
             clear = Figure(100.0 * float(np.mean(ripple <= self.torque_ripple_limit)), "%", 0.0)
+            sure = np.nanmean(r.points["probability"] <= SURE)
             points = f"of {len(ripple)} points with a steady orbit, out of {len(r.points)}"
             answers = [
                 Judgement(
                     f"at {r.plane.speed:g} rad/s the map is clear of {above} in", clear, note=points
                 ),
-                Judgement(built, note=f"{r.sure()} of the map"),
+                Judgement(built, note=f"{sure:.0%} of the map"),
             ]
         else:
-            name = r.plane.y.name.replace("motor.T", "motor time constant")
+            name = r.plane.y.quantity.replace("motor.T", "motor time constant")
             span = f"{r.within[0]:g} to {r.within[1]:g} rad/s"
             nominal = r.clear("ripple_in_range", self.torque_ripple_limit)
             nearly_all = r.clear("probability_in_range", SURE)
@@ -208,35 +224,102 @@ class ResonanceMap(Question, RippleOptions):
         """Both maps, the rows, and one revolution where the torque swings most."""
         worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
         turn = motion.revolution(r.drive, *r.plane.at(*worst))
-        return Show(
-            [*maps(r, self.torque_ripple_limit), *chart_of_rows(r, self.torque_ripple_limit)], *turn
-        )
+        return Show([*maps(r, self.torque_ripple_limit), chart_of_rows(r)], *turn)
+
+
+class Map(NamedTuple):
+    """The machines, how they are run, the tables of their points and rows, the operating range [rad/s]."""
+
+    plane: Plane
+    drive: Drive
+    points: DataFrame
+    rows: DataFrame
+    within: tuple[float, float] | None
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Those of all columns."""
+        return self.plane.units | UNITS | dict.fromkeys(RIDGES, self.plane.x.unit)
+
+    def field(self, column: str) -> Real:
+        """A column of the points over the plane, shape (rows, columns)."""
+        return self.points[column].to_numpy().reshape(len(self.rows), -1)
+
+    def clear(self, column: str, most: float) -> str:
+        """The values of y for which the operating range keeps a column of the rows below a value."""
+        return stretches(self.plane.y, (self.rows[column] <= most).to_numpy())
+
+
+def stretches(along: GridAxis, good: NDArray[np.bool_]) -> str:
+    """The values of an axis that are good, as from .. to of those next to each other."""
+    return " and ".join(
+        " .. ".join(f"{x:.3g}" for x in dict.fromkeys(along.values[[*ends]].tolist()))
+        + f" {along.unit}"
+        for ends in stretches_of(good)
+    )
+
+
+def maps(r: Map, limit: float) -> list[HeatMap]:
+    """The gain and the probability of too much ripple, with ridges, the line of the limit [N.m] and the operating range."""
+    grid, y = [r.plane.x.quantity, r.plane.y.quantity], r.rows[r.plane.y.quantity].to_numpy()
+    curves = [
+        Curve(text, r.rows[name].to_numpy(), y, color, "theory" if name == "formula" else "points")
+        for (name, text), color in zip(RIDGE_NAMES.items(), ("grey", "sky", "red"))
+        if r.rows[name].notna().any()
+    ]
+    ripple = r.field("ripple")
+    reached = np.nanmin(ripple) < limit < np.nanmax(ripple)
+    more = {
+        "levels": [Level(limit, f"torque ripple of {limit:g} N.m", ripple)] if reached else [],
+        "spans": [Span(*r.within, "operating range", "green")] if r.within else [],
+    }
+    gain = "Gain: torque ripple over load ripple"
+    risk = f"Share of machines within tolerance whose torque ripple is above {limit:g} N.m"
+    return [
+        heat_map(r.points, grid, "gain", r.units, title=gain, curves=curves, log=True, **more),
+        heat_map(r.points, grid, "probability", r.units, title=risk, scale="risk", **more),
+    ]
+
+
+def chart_of_rows(r: Map) -> Chart:
+    """The ridges of every row; where there is an operating range, its ripple and probability."""
+    panels = {r.plane.x.quantity: RIDGE_NAMES}
+    title = "The ridges"
+    if r.within:
+        title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
+        panels = {
+            "share of machines above the limit": {"probability_in_range": "all parts within tolerance"},
+            "largest torque ripple": {"ripple_in_range": "nominal machine"},
+            **panels,
+        }  # fmt: skip
+    chart = curves_over(Table.of_frame(r.rows, r.units), r.plane.y.quantity, panels, title)
+    return chart._replace(log=r.plane.y.log)
 
 
 def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
     across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
-    if across.name == up.name:
-        raise SetupError(f"--x and --y are both {up.name}")
-    check_fixed_starts(o.start, (across.name, up.name))
+    if across.quantity == up.quantity:
+        raise SetupError(f"--x and --y are both {up.quantity}")
+    check_fixed_starts(o.start, (across.quantity, up.quantity))
     plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
-    if across.name != SPEED_NAME:
+    if across.quantity != SPEED_NAME:
         if o.range is not None:
             raise SetupError("--range is for maps whose x is the speed")
         return plane, None
     if o.speed is not None:
         raise SetupError("--speed is for maps whose x is not the speed")
-    return plane, span("range", o.range or RANGE, across.along)
+    return plane, span("range", o.range or RANGE, across)
 
 
 def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Motions]:
     """The rows of the table of all points, and their motions; points without one are warned of."""
     table, motions = plane.table(drive, TABLE, COLUMNS)
-    for y, row in table.frame.groupby(plane.y.name):
+    for y, row in table.frame.groupby(plane.y.quantity):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
-            ridge_name = f"{plane.y.name} = {y:.3g} {plane.y.along.unit}, {plane.x.name}"
+            ridge_name = f"{plane.y.quantity} = {y:.3g} {plane.y.unit}, {plane.x.quantity}"
             logging.getLogger("cosim").warning(
-                f"No steady orbit at {ridge_name} of {stretches(plane.x.along, unsteady)}"
+                f"No steady orbit at {ridge_name} of {stretches(plane.x, unsteady)}"
             )
     return table.frame, motions
 
@@ -245,11 +328,11 @@ def ridges(plane: Plane, drive: Drive, motions: Motions) -> DataFrame:
     """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
     has none. The motions are those of all points.
     """
-    x, levels, unit = plane.x.along.values, plane.y.along.values, plane.x.along.unit
+    x, levels, unit = plane.x.values, plane.y.values, plane.x.unit
     searches = [
         LineSearch.along(
             motions[np.arange(k * len(x), (k + 1) * len(x))],
-            Find(plane.x.name, x[0], x[-1], figure, level, unit=unit),
+            Find(plane.x.quantity, x[0], x[-1], figure, level, unit=unit),
             x,
         )
         for k in range(len(levels))
@@ -265,7 +348,7 @@ def ridges(plane: Plane, drive: Drive, motions: Motions) -> DataFrame:
             levels, lags, formulas[::2], peaks, formulas[1::2]
         )
     ]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.name, *RIDGES], unit)).frame
+    return Table.of_rows(rows, dict.fromkeys([plane.y.quantity, *RIDGES], unit)).frame
 
 
 def of_error(figure: Figure) -> float:
@@ -277,7 +360,7 @@ def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Samp
     """Put probabilities and the ripple in the range into the tables; the machines of so many points,
     and of half as many rows, where the outcome is open.
     """
-    x, rows = r.plane.x.along.values, range(len(r.rows))
+    x, rows = r.plane.x.values, range(len(r.rows))
     cells = [(n, x[k : k + 1]) for n in rows for k in range(len(x))]
     r.points["probability"] = [built.sample(*cell).probability(most) for cell in cells]
     samples = [built.sample(*cells[k]) for k in on_edge(r.points["probability"], count)]
