@@ -165,7 +165,7 @@ class Prepared:
             simulation = Simulation(instance, began, csv=path, until=last, all_rows=file)
             result = simulation.run(interrupts, progress)
             ran = result.provenance
-            if ran["status"] == "complete" and simulation.driver.is_paused:
+            if ran["status"] == "complete" and simulation.march.is_paused:
                 try:
                     state = simulation.state(self.network.system.start)
                 except FmuError as error:

@@ -14,8 +14,8 @@ from typing import Any
 
 from .engine.changes import inputs_before
 from .engine.control import Adaptive
-from .engine.driver import Driver
 from .engine.energy import balance, bond_warnings, energies
+from .engine.march import March
 from .engine.recorder import Recorder
 from .engine.snapshot import SystemState, part_state
 from .engine.system_instance import SystemInstance
@@ -25,7 +25,7 @@ from .system import Value
 
 
 class Simulation:
-    """A run on its way, of an instance that has begun; `began` is a reading of the clock [s], `stretch` as of `Driver`."""
+    """A run on its way, of an instance that has begun; `began` is a reading of the clock [s], `stretch` as of `March`."""
 
     def __init__(
         self,
@@ -40,7 +40,7 @@ class Simulation:
         self.instance, self._began = instance, began
         self.setup = run_setup(instance) if setup is None else setup
         self.recorder = Recorder(instance.row.recorded, csv, self.setup)
-        self.driver = Driver(instance, instance.setup.settings, self.recorder, **stretch)
+        self.march = March(instance, instance.setup.settings, self.recorder, **stretch)
         self.status, self.reason = "failed", "stopped by an error outside the FMUs"
 
     def run(
@@ -50,7 +50,7 @@ class Simulation:
         try:
             self.drive(interrupts, progress)
         finally:
-            result = self.recorder.finish(self.provenance(), self.driver.breaks)
+            result = self.recorder.finish(self.provenance(), self.march.breaks)
         return result
 
     def drive(
@@ -68,10 +68,10 @@ class Simulation:
         energy = {bond: balance(*energies(sides)) for bond, sides in self.instance.bonds.items()}
         return {
             **self.setup,
-            **self.driver.statistics(),
+            **self.march.statistics(),
             "status": self.status,
             "reason": self.reason,
-            "reached": self.driver.t,
+            "reached": self.march.t,
             "rows": self.recorder.count,
             "bonds": energy,
             "warnings": [*self.warnings(), *bond_warnings(energy)],
@@ -88,8 +88,8 @@ class Simulation:
         return warnings + instance.process.warnings
 
     def state(self, system_start: Mapping[str, Value]) -> SystemState:
-        """The state where the driver has come to, of a system with these start values but for the case; raises FmuError."""
-        instance, driver = self.instance, self.driver
+        """The state where the march has come to, of a system with these start values but for the case; raises FmuError."""
+        instance, march = self.instance, self.march
         settings, begin = instance.setup.settings, instance.state
         is_told = any(part.instance.session.is_told_stop for part in instance.parts.values())
         stop_told = settings.stop if settings.stop_time_defined or is_told else math.inf
@@ -97,19 +97,19 @@ class Simulation:
         if begin is not None:
             stop_told, start = min(stop_told, begin.stop_told), begin.start
         return SystemState(
-            driver.t, start, stop_told, None if isinstance(step, Adaptive) else step,
+            march.t, start, stop_told, None if isinstance(step, Adaptive) else step,
             dict(instance.setup.network.system.start), dict(system_start), self.setup["tolerance"],
-            inputs_before(instance.setup.network, driver.t), driver.broken_until,
-            {name: part_state(part) for name, part in instance.parts.items()}, driver.memory,
+            inputs_before(instance.setup.network, march.t), march.broken_until,
+            {name: part_state(part) for name, part in instance.parts.items()}, march.memory,
         )  # fmt: skip
 
     def _drive(
         self, progress: Callable[[float], None] | None, interrupts: Sequence[int]
     ) -> tuple[str, str]:
         """Take all steps; status and reason of the end. Raises FmuError."""
-        driver, process = self.driver, self.instance.process
+        march, process = self.march, self.instance.process
         try:
-            for fraction in driver.steps():
+            for fraction in march.steps():
                 process.require_unchanged_arithmetic_at_times()
                 if progress is not None:
                     progress(fraction)
@@ -122,11 +122,11 @@ class Simulation:
             self.recorder.flush()
         except SimulationTerminated as end:
             with suppress(FmuError):
-                driver.add_end_row(end.reached)
+                march.add_end_row(end.reached)
             self.recorder.flush()
-            return "complete", f"{end}; the last row is at t = {driver.t!r} s"
-        is_before_stop = driver.is_paused and driver.t < self.instance.setup.settings.stop
-        return "complete", f"paused at t = {driver.t!r} s" if is_before_stop else ""
+            return "complete", f"{end}; the last row is at t = {march.t!r} s"
+        is_before_stop = march.is_paused and march.t < self.instance.setup.settings.stop
+        return "complete", f"paused at t = {march.t!r} s" if is_before_stop else ""
 
 
 def run_setup(instance: SystemInstance) -> dict[str, Any]:

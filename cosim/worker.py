@@ -195,8 +195,8 @@ class Worker:
 
     def _facts(self, alike: Alike, simulation: Simulation) -> Facts:
         """What a run says of itself, shared with the one before it that is alike if it says the same."""
-        breaks, known = simulation.driver.breaks, alike.facts
-        ran = {"reason": simulation.reason, **simulation.driver.statistics()}
+        breaks, known = simulation.march.breaks, alike.facts
+        ran = {"reason": simulation.reason, **simulation.march.statistics()}
         if (
             known is None
             or breaks != alike.breaks

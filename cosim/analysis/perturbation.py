@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.control import Adaptive
-from ..engine.driver import Driver
+from ..engine.march import March
 from ..engine.recorder import Recorder
 from ..engine.settings import RunSettings
 from ..engine.setup import Setup
@@ -244,11 +244,13 @@ class _Runner:
             start=origin + first * self.h, stop=origin + last * self.h, step=self.h,
         )  # fmt: skip
         recorder = Recorder(self._instance.row.recorded)
-        driver = Driver(self._instance, settings, recorder)
+        march = March(self._instance, settings, recorder)
         divided: list[int] = []
         with suppress(FmuError) if first >= 0 else ExitStack():
-            for _ in driver.steps():
-                divided += [first + driver.accepted] * (driver.discarded - len(divided))
+            for _ in march.steps():
+                divided += [first + march.controller.accepted] * (
+                    march.controller.discarded - len(divided)
+                )
         rows = np.array(recorder.rows).reshape(recorder.count, -1)
         points = settings.start + self.h * np.round((rows[:, 0] - settings.start) / self.h)
         at_step = np.isclose(rows[:, 0], points, rtol=0.0, atol=1e-6 * self.h)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from ..fmu.instance import Instance
@@ -79,30 +78,3 @@ def known_jumps(changes: Sequence[TimedChange], times: Iterable[float]) -> list[
         else:
             jumps.append(Jump(time, at_once))
     return jumps
-
-
-def with_jumps(
-    advance: Callable[[float, float], None],
-    jumps: Sequence[Jump],
-    occur: Callable[[float, float, Jump], None],
-) -> Callable[[float, float], None]:
-    """The same step from t by h [s], before which a jump at t is to `occur`, and which changes inside it split.
-
-    An input that jumps inside a step does not split it: its part gets the mean.
-    """
-    times = [jump.time for jump in jumps]
-
-    def go(t: float, h: float) -> None:
-        end, near = t + h, 64 * math.ulp(t)
-        for jump in jumps[bisect_left(times, t - near) : bisect_right(times, end)]:
-            if coincide(jump.time, end):
-                break
-            if not coincide(jump.time, t):
-                if not jump.changes:
-                    continue
-                advance(t, jump.time - t)
-                t, h = jump.time, end - jump.time
-            occur(t, h, jump)
-        advance(t, h)
-
-    return go if jumps else advance

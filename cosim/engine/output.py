@@ -35,10 +35,6 @@ class Output:
         self.add_rows, self.every, self.last = add, every, last
         self.shown = math.nan
 
-    def is_due(self, step: int) -> bool:
-        """Whether there is a row after a step of this number."""
-        return step % self.every == 0 or step == self.last
-
     def add(self, row: Sequence[float]) -> None:
         """Hand on a row."""
         self.shown = row[0]

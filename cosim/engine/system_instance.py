@@ -17,13 +17,14 @@ from ..system.description import ModelDescription, Variable
 from .algorithms import find_algorithm
 from .energy import by_bond
 from .initialise import WiredParts, add_bond_sides, interpolate_inputs
+from .iteration import Iteration
 from .links import Link
 from .loop import Loop, lay_out
 from .moments import Moments, event_watches
 from .part import Part
 from .process_guard import ProcessGuard
 from .row import RowReader
-from .schedule import coupling_context, schedule
+from .schedule import Advance, coupling_context, explicit, schedule
 from .setup import Setup
 from .snapshot import LiveState, SystemState, require_same_buffers, resume
 
@@ -197,6 +198,13 @@ class SystemInstance:
             except OSError as error:
                 self._loop = [error]
         return self._loop[0]
+
+    def advance(self) -> Advance:
+        """The step of all parts, whatever jumps."""
+        if self.steps is None:
+            return Iteration(find_algorithm(self.setup.settings.algorithm), self.stepped)
+        loop = self.loop()
+        return explicit(self.steps) if loop is None or isinstance(loop, OSError) else loop.advance
 
     def _begin_steps(self) -> None:
         """Go through the events of the start; read what steps begin with."""
