@@ -12,7 +12,7 @@ from ..errors import EventReached, FmuError, NonFiniteValueError, StepDiscarded
 from ..fmu.times import coincide, is_reached
 from .changes import Jump
 from .control import END_ROUNDING, Adaptive, EqualSteps, Mesh
-from .jumps import Jumps
+from .jumps import KnownJumps
 from .loop import Loop
 from .moments import EventDueError
 from .schedule import Advance
@@ -85,7 +85,7 @@ class Fixed:
         self,
         instance: SystemInstance,
         settings: RunSettings,
-        jumps: Jumps,
+        jumps: KnownJumps,
         *,
         until: float,
         every: int,
@@ -272,7 +272,7 @@ class _Controlled:
     discarded = count = 0
     every = 1
 
-    def __init__(self, instance: SystemInstance, settings: RunSettings, jumps: Jumps) -> None:
+    def __init__(self, instance: SystemInstance, settings: RunSettings, jumps: KnownJumps) -> None:
         assert isinstance(settings.step, Adaptive)
         self._instance, self._settings, self._advance = instance, settings.step, jumps.advance
         self._times, self._next_event = list(jumps.times), jumps.moments.next
@@ -327,7 +327,7 @@ class Doubling(_Controlled):
 
     control = "doubling"
 
-    def __init__(self, instance: SystemInstance, settings: RunSettings, jumps: Jumps) -> None:
+    def __init__(self, instance: SystemInstance, settings: RunSettings, jumps: KnownJumps) -> None:
         super().__init__(instance, settings, jumps)
         self._snapshot = Snapshot(instance.stepped)
         self._blocks = [b for part in instance.stepped for b in part.outputs if b.real]

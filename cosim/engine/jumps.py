@@ -17,7 +17,7 @@ from .settings import RunSettings
 from .system_instance import SystemInstance
 
 
-class Jumps:
+class KnownJumps:
     """What is known to happen at once in a run of an instance that has begun, and the step by way of that.
 
     Attributes

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from ..fmu.times import is_reached
 from .control import Adaptive, Mesh
 from .controllers import Doubling, Energy, Fixed, StepController
-from .jumps import Jumps
+from .jumps import KnownJumps
 from .output import IntermediateValues, Output, OutputGrid
 from .recorder import Recorder
 from .settings import RunSettings
@@ -42,7 +42,7 @@ class March:
         """The instance has begun."""
         self.instance, self.settings, self.recorder = instance, settings, recorder
         self._until, self.is_paused = until, False
-        step, self._jumps = settings.step, Jumps(instance, settings)
+        step, self._jumps = settings.step, KnownJumps(instance, settings)
         self.breaks = self._jumps.breaks
         self.t = self.broken_until = self._jumps.begin
         self._shown_within = self._intermediate_values()
