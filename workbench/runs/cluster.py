@@ -42,13 +42,15 @@ KEPT = "what was computed is kept, and the same command continues"
 
 
 class Files(WorkerPlugin):  # type: ignore[misc]
-    """The files of one study's runs on a worker, and its child processes that have nothing to do."""
+    """The files of one study's runs on a worker, what of its code is another, and its child processes that have nothing to do."""
 
-    def __init__(self, files: Mapping[str, bytes]) -> None:
+    def __init__(self, files: Mapping[str, bytes], packages: Sequence[str]) -> None:
         self.name, self._files = uuid4().hex, files
+        self._packages, self._needed = packages, facts(*packages)
 
     def setup(self, worker: Worker) -> None:
-        """Write the files where this worker may write."""
+        """Compare the code, and write the files where this worker may write."""
+        self.differences = differences(facts(*self._packages), self._needed)
         self.folder = Path(worker.local_directory) / "runs" / self.name
         unpack(self._files, self.folder)
         self.idle: SimpleQueue[Caller] = SimpleQueue()
@@ -93,19 +95,12 @@ def _call(call: tuple[bytes, Path]) -> Any:
     return function(task)
 
 
-def _run(
-    call: bytes,
-    timeout: float | None,
-    *,
-    plugin: str,
-    page: str,
-    local_facts: Mapping[str, Any],
-    packages: Sequence[str],
-) -> Outcome:
+def _run(call: bytes, timeout: float | None, *, plugin: str, page: str) -> Outcome:
     """Return what becomes of a call, on a worker; raise SetupError on one whose code is another."""
     worker = get_worker()
-    _check_same(worker.address, facts(*packages), local_facts)
     shipped = worker.plugins[plugin]
+    if shipped.differences:
+        raise SetupError(f"worker {worker.address} differs: {shipped.differences} on this side")
     copy = shipped.folder / Path(page).name
     try:
         child = shipped.idle.get_nowait()
@@ -137,22 +132,19 @@ def stream(
     if not calls:
         return
     with _connect(scheduler) as client:
-        needed = facts(*packages)
-        _check(client, scheduler, needed, packages)
-        plugin = Files(contents(files))
-        client.register_plugin(plugin)
+        plugin = Files(contents(files), packages)
+        try:
+            client.wait_for_workers(1, timeout=WORKERS)
+            client.register_plugin(plugin)
+        except TimeoutError:
+            raise SetupError(f"the scheduler at {scheduler} has no workers") from None
+        except Exception as error:  # noqa: BLE001 Dask raises no other
+            raise SetupError(
+                f"a worker cannot do runs: {error}; start it in the project's folder"
+            ) from None
         sent = [_pickled((function, task), files) for function, task, _ in calls.values()]
         limits = [limit for *_, limit in calls.values()]
-        futures = client.map(
-            _run,
-            sent,
-            limits,
-            plugin=plugin.name,
-            page=page,
-            local_facts=needed,
-            packages=packages,
-            pure=False,
-        )
+        futures = client.map(_run, sent, limits, plugin=plugin.name, page=page, pure=False)
         try:
             yield from _outcomes(client, scheduler, dict(zip(futures, calls)))
         finally:
@@ -196,25 +188,6 @@ def _outcomes(client: Any, scheduler: str, key_of: dict[Any, int]) -> Outcomes:
         else:
             last_contact = time.monotonic()
             yield key_of.pop(future), outcome
-
-
-def _check(client: Any, scheduler: str, needed: Mapping[str, Any], packages: Sequence[str]) -> None:
-    """Refuse workers that would compute something else; one without our code would die of a run."""
-    try:
-        client.wait_for_workers(1, timeout=WORKERS)
-    except TimeoutError:
-        raise SetupError(f"the scheduler at {scheduler} has no workers") from None
-    for worker, remote in client.run(facts, *packages, on_error="return").items():
-        if isinstance(remote, BaseException):
-            raise SetupError(
-                f"worker {worker} cannot do runs: {remote}; start it in the project's folder"
-            )
-        _check_same(worker, remote, needed)
-
-
-def _check_same(worker: str, remote: Mapping[str, Any], needed: Mapping[str, Any]) -> None:
-    if remote != needed:
-        raise SetupError(f"worker {worker} differs: {differences(remote, needed)} on this side")
 
 
 def _last_contact(client: Any, scheduler: str, previous: float) -> float:
