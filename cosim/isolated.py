@@ -8,8 +8,10 @@ import math
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -129,7 +131,8 @@ def _begin_in_child(pipe: Connection, system: System, settings: RunSettings) -> 
 def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any]) -> None:
     """Run in the child and tell the parent of the progress, the log and the end."""
     signal.signal(signal.SIGINT, lambda *_: None)
-    logging.getLogger().addHandler(_Forward(pipe))
+    to_parent: Any = SimpleNamespace(put_nowait=lambda record: pipe.send(("log", record)))
+    logging.getLogger().addHandler(QueueHandler(to_parent))
     progress = progress_sender(pipe)
     progress(0.0)
     with suppress(BrokenPipeError):
@@ -148,18 +151,6 @@ def _work(pipe: Connection, system: System, csv: Path, settings: dict[str, Any])
         facts = (result.columns, result.breaks, result.provenance)
         path = partial(csv) if ended else csv
         pipe.send(("end", (ended and type(ended), str(ended), *facts, path)))
-
-
-class _Forward(logging.Handler):
-    """Hands log records to the parent."""
-
-    def __init__(self, pipe: Connection) -> None:
-        super().__init__()
-        self._pipe = pipe
-
-    def emit(self, record: logging.LogRecord) -> None:
-        record.msg, record.args, record.exc_info = record.getMessage(), None, None
-        self._pipe.send(("log", record))
 
 
 def _messages(

@@ -11,12 +11,15 @@ are alike and random, so that the largest of three differences counts SAFETY tim
 import csv
 import io
 import sys
-from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 from zipfile import ZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from ..codegen import entries as codegen
 from ..declare.interface import Interface, Variable, class_name
@@ -24,7 +27,6 @@ from ..runtime import equations
 from .python import instance
 
 Rows = list[list[float | int]]
-Column = Sequence[float]
 
 #: A convention of the layered standard FMI-LS-REF, which fixes its name.
 NAME = "org.fmi-standard.fmi-ls-ref"
@@ -160,10 +162,7 @@ def default_experiment(model: ModuleType, steps_per_row: int = 1) -> Rows:
     stop, step = model.EXPERIMENT
     as_they_stand = steps_per_row == 1 or model.PYTHON_ONLY
     slave = (by_equations if as_they_stand else by_printed)(model)(instance_name=class_name(model))
-    references = {
-        kind: [v.reference for v in outputs(Interface(model)) if v.access_type == kind]
-        for kind in ("Real", "Integer", "Boolean")
-    }
+    recorded = outputs(Interface(model))
     slave.setup_experiment(0.0, stop, None)
     slave.enter_initialization_mode()
     slave.exit_initialization_mode()
@@ -172,11 +171,10 @@ def default_experiment(model: ModuleType, steps_per_row: int = 1) -> Rows:
     for n in range(round(stop / step) + 1):
         for k in range(steps_per_row if n else 0):
             slave.do_step((n - 1) * step + k * size, size)
-        values: dict[int, float | int] = {}
-        for kind, vrs in references.items():
-            values_of_kind = getattr(slave, f"get_{kind.lower()}")(vrs) if vrs else []
-            values |= {vr: int(x) if kind == "Boolean" else x for vr, x in zip(vrs, values_of_kind)}
-        rows.append([n * step, *(values[vr] for vr in sorted(values))])
+        values = [
+            getattr(slave, f"get_{v.access_type.lower()}")([v.reference])[0] for v in recorded
+        ]
+        rows.append([n * step, *(int(x) if isinstance(x, bool) else x for x in values)])
     return rows
 
 
@@ -187,27 +185,23 @@ def default_experiment_errors(model: ModuleType) -> Rows:
     error = SAFETY * max |x(h) - x(h / k)| nearby + rounding, over the REFINEMENTS k, for Real outputs. Other outputs
     are right or wrong, so that their error is the largest difference itself.
     """
-    time, *columns = zip(*default_experiment(model))
-    finer = [list(zip(*default_experiment(model, k)))[1:] for k in REFINEMENTS]
-    errors = [
-        _real_errors(x, differences) if v.access_type == "Real" else differences
-        for v, x, differences in zip(
-            outputs(Interface(model)),
-            columns,
-            map(_largest_difference_of_each_row, columns, zip(*finer)),
-        )
-    ]
-    return [list(row) for row in zip(time, *errors)]
+    rows = np.array(default_experiment(model), float)
+    finer = np.array([default_experiment(model, k) for k in REFINEMENTS], float)
+    errors = np.abs(finer - rows).max(0)
+    errors[:, 0] = rows[:, 0]
+    table: Rows = errors.tolist()
+    for k, v in enumerate(outputs(Interface(model)), 1):
+        column: list[float] = errors[:, k].astype(int).tolist()
+        if v.access_type == "Real":
+            column = _real_errors(rows[:, k], errors[:, k])
+        for row, error in zip(table, column):
+            row[k] = error
+    return table
 
 
-def _largest_difference_of_each_row(column: Column, finer: Iterable[Column]) -> list[float]:
-    """For each value of a column its largest distance from those of finer runs."""
-    return [max(abs(value - x) for x in row) for value, row in zip(column, zip(*finer))]
-
-
-def _real_errors(column: Column, differences: Column) -> list[float]:
+def _real_errors(column: NDArray[np.float64], differences: NDArray[np.float64]) -> list[float]:
     """The errors of a Real output, rounded up to two digits."""
-    rounding = ROUNDING * len(column) * max(map(abs, column))
+    rounding = ROUNDING * len(column) * np.abs(column).max()
     width = max(1, round(ENVELOPE * len(column)))
-    nearby = (max(differences[max(0, n - width) : n + width + 1]) for n in range(len(column)))
-    return [float(f"{UPWARDS * (SAFETY * largest + rounding):.1e}") for largest in nearby]
+    nearby = maximum_filter1d(differences, 2 * width + 1, mode="nearest")
+    return [float(f"{x:.1e}") for x in UPWARDS * (SAFETY * nearby + rounding)]
