@@ -77,9 +77,11 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
         The folder of each flavour.
     """
     path = folders[flavour] / f"{name}{'.wasm' if flavour == 'wasm' else '.fmu'}"
-    if IS_CLONE and plain(name) not in machine_folders():
-        existing = ", ".join(sorted(other.stem for other in path.parent.glob(f"*{path.suffix}")))
-        return f"there is no machine {name!r} in components; {path.parent} has {existing or 'none'}"
+    existing = sorted(other.stem for other in path.parent.glob(f"*{path.suffix}"))
+    is_misspelt = name not in existing and plain(name) in map(plain, existing)
+    if IS_CLONE and (is_misspelt or plain(name) not in machine_folders()):
+        others = ", ".join(existing) or "none"
+        return f"there is no machine {name!r} in components; {path.parent} has {others}"
     build = f".venv/bin/python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (

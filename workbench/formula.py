@@ -98,6 +98,10 @@ class Formula:
         SetupError
             If the text is more than such arithmetic.
         """
+        if not isinstance(text, str | int | float):
+            raise SetupError(
+                f"a formula is a text, such as the name of an option, or a number, not {type(text).__name__}"
+            )
         text = text if isinstance(text, str) else repr(float(text))
         try:
             tree = ast.parse(text.strip(), mode="eval").body
