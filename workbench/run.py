@@ -31,7 +31,7 @@ from .find import Find, find
 from .judgement import Holds, Judgement, lines
 from .live import Live
 from .live.build import for_shell
-from .options import at_least, check_fixed_starts
+from .options import check_fixed_starts
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
 from .remedies import search_for
@@ -68,21 +68,21 @@ def ask(
     chosen = flavour or project.flavour(question)
     if chosen not in FLAVOURS:
         raise SetupError(f"flavour = {chosen!r} must be one of {', '.join(FLAVOURS)}")
+    runner = Runner(jobs, scheduler or "", project.packages)
     if question.is_sequential and (scheduler is not None or jobs not in (None, 1)):
-        if jobs is not None:
-            at_least("jobs", jobs, 1)
         option = f"jobs = {jobs}" if scheduler is None else f"scheduler = {scheduler!r}"
         raise SetupError(
             f"{option} has no effect on {question.name}, whose runs follow one after the other; leave it out"
         )
     is_parallel = chosen == PYTHON or question.is_parallel
-    in_process = jobs is None and scheduler is None and not is_parallel
+    if jobs is None and scheduler is None and not is_parallel:
+        runner = replace(runner, jobs=1)
     return answer(
         question,
         question.parse(options),
         project.fmus(question, chosen),
         flavour=chosen,
-        runner=Runner(1 if in_process else jobs, scheduler or "", project.packages),
+        runner=runner,
         out=out,
         modules=project.wasm_modules(question),
         command=f"{program} run {for_shell(text)}{f' --flavour {flavour}' if flavour else ''}",
@@ -133,6 +133,7 @@ def answer(
     command : str
         The start of the command line that asks the same.
     """
+    runner = replace(runner, page=question.locator, files=[*fmus.values(), *question.own_files])
     with (
         captured_log_warnings() as warnings,
         as_question_errors(question.module),
@@ -150,8 +151,6 @@ def answer(
 
     options = option_values(o, findings.defaults)
     sliders = live_page.sliders if isinstance(live_page, Live) else o.sliders
-    files = [*fmus.values(), *question.own_files]
-    context = Context(fmus, replace(runner, page=question.locator, files=files))
     provenance = findings.provenance or _provenance(
         system, findings.algorithm, findings.communication
     )
@@ -169,7 +168,7 @@ def answer(
         parameters=values,
         show=show,
         live=live_part,
-        search=search_for(o, context, findings, sliders, {**values, **options}),
+        search=search_for(o, Context(fmus, runner), findings, sliders, {**values, **options}),
         refused=is_refused(question, findings.figures),
         sources=question.sources,
         error_scope=question.error_scope,
@@ -191,8 +190,6 @@ def found(
     """
     check_fixed_starts(o.start, question.fixed_starts)
     with reservation(out), ExitStack() as stack:
-        files = [*fmus.values(), *question.own_files]
-        runner = replace(runner, page=question.locator, files=files)
 
         @cache
         def journal() -> OutcomeJournal | None:
