@@ -73,22 +73,22 @@ CROSSED_LEVEL = 0.6
 
 
 class Half(NamedTuple):
-    """Two states: their rates as expressions, start values, what the inputs hear."""
+    """One state or two: their rates as expressions of t, x1, x2, u1 and u2, the state that u1 hears, start values."""
 
     f1: str
-    f2: str
-    x: tuple[float, float]
-    u: tuple[str, ...]
+    x1: float
+    hears: str
+    f2: str = "0.0"
+    x2: float = 0.0
 
 
 @dataclass(frozen=True)
 class HalvedSystem:
-    """Two halves, a stop and a longest step [s]; a period of the fastest motion has 20 of them."""
+    """Two halves, a stop and a longest step [s]; a period of the fastest motion has 20 of them. Columns are all first states."""
 
     parts: Mapping[str, Half]
     stop: float
     step: float
-    columns: Sequence[str]
 
 
 def nonlinear(draw: Callable[[float, float], float]) -> dict[str, HalvedSystem]:
@@ -100,60 +100,38 @@ def nonlinear(draw: Callable[[float, float], float]) -> dict[str, HalvedSystem]:
     flow = draw(0.5, 1.0)
     pull, slip = draw(2.0, 4.0), draw(8.0, 15.0)
     tune = draw(1.8, 2.6)
+    slope = f"-{drag} * x1 + u1 - u1**3 + {force} * cos(1.2 * t)"
+    kloss = "2 * 20 / ((1 - u1 / 100) / 0.2 + 0.2 / (1 - u1 / 100))"
+    inflow = f"{flow} * (1 + 0.5 * sin(2 * t)) - sqrt(x1) * (1 + 0.2 * u1)"
     return {
-        "Lotka-Volterra": HalvedSystem(
-            {
-                "prey": Half(f"x1 * ({a} - u1)", "0.0", (1.5, 0.0), ("hunter.x1",)),
-                "hunter": Half(f"x1 * (u1 - {b})", "0.0", (0.7, 0.0), ("prey.x1",)),
-            }, 5.0, 0.25, ("prey.x1", "hunter.x1"),
-        ),
-        "van der Pol": HalvedSystem(
-            {
-                "place": Half("u1", "0.0", (0.5, 0.0), ("speed.x1",)),
-                "speed": Half(f"{mu} * (1 - u1 * u1) * x1 - u1", "0.0", (1.0, 0.0), ("place.x1",)),
-            }, 8.0, 0.1, ("place.x1", "speed.x1"),
-        ),
-        "Duffing": HalvedSystem(
-            {
-                "place": Half("u1", "0.0", (0.3, 0.0), ("speed.x1",)),
-                "speed": Half(
-                    f"-{drag} * x1 + u1 - u1**3 + {force} * cos(1.2 * t)", "0.0", (0.0, 0.0),
-                    ("place.x1",),
-                ),
-            }, 5.0, 0.15, ("place.x1", "speed.x1"),
-        ),
-        "pendulum on a motor": HalvedSystem(
-            {
-                "motor": Half(f"(5.0 * (4.0 - u1) - x1) / {lag}", "0.0", (0.0, 0.0), ("arm.x1",)),
-                "arm": Half(f"(u1 - 9.81 * sin(x2)) / {load}", "x1", (0.0, 0.2), ("motor.x1",)),
-            }, 3.0, 0.02, ("motor.x1", "arm.x1"),
-        ),
-        "two tanks": HalvedSystem(
-            {
-                "upper": Half(
-                    f"{flow} * (1 + 0.5 * sin(2 * t)) - sqrt(x1) * (1 + 0.2 * u1)", "0.0",
-                    (0.3, 0.0), ("lower.x1",),
-                ),
-                "lower": Half("sqrt(u1) - 0.8 * sqrt(x1)", "0.0", (1.2, 0.0), ("upper.x1",)),
-            }, 6.0, 0.2, ("upper.x1", "lower.x1"),
-        ),
-        "Kloss motor": HalvedSystem(
-            {
-                "motor": Half(
-                    f"(2 * 20 / ((1 - u1 / 100) / 0.2 + 0.2 / (1 - u1 / 100)) - x1) * {slip}",
-                    "0.0", (0.0, 0.0), ("fan.x1",),
-                ),
-                "fan": Half(f"(u1 - 1e-3 * x1 * x1) / {0.1 * pull}", "0.0", (0.0, 0.0),
-                            ("motor.x1",)),
-            }, 4.0, 0.02, ("motor.x1", "fan.x1"),
-        ),
-        "Brusselator": HalvedSystem(
-            {
-                "maker": Half(f"1 + x1 * x1 * u1 - {tune + 1} * x1", "0.0", (1.2, 0.0),
-                              ("other.x1",)),
-                "other": Half(f"{tune} * u1 - u1 * u1 * x1", "0.0", (1.5, 0.0), ("maker.x1",)),
-            }, 6.0, 0.05, ("maker.x1", "other.x1"),
-        ),
+        "Lotka-Volterra": HalvedSystem({
+            "prey": Half(f"x1 * ({a} - u1)", 1.5, "hunter.x1"),
+            "hunter": Half(f"x1 * (u1 - {b})", 0.7, "prey.x1"),
+        }, 5.0, 0.25),
+        "van der Pol": HalvedSystem({
+            "place": Half("u1", 0.5, "speed.x1"),
+            "speed": Half(f"{mu} * (1 - u1 * u1) * x1 - u1", 1.0, "place.x1"),
+        }, 8.0, 0.1),
+        "Duffing": HalvedSystem({
+            "place": Half("u1", 0.3, "speed.x1"),
+            "speed": Half(slope, 0.0, "place.x1"),
+        }, 5.0, 0.15),
+        "pendulum on a motor": HalvedSystem({
+            "motor": Half(f"(5.0 * (4.0 - u1) - x1) / {lag}", 0.0, "arm.x1"),
+            "arm": Half(f"(u1 - 9.81 * sin(x2)) / {load}", 0.0, "motor.x1", "x1", 0.2),
+        }, 3.0, 0.02),
+        "two tanks": HalvedSystem({
+            "upper": Half(inflow, 0.3, "lower.x1"),
+            "lower": Half("sqrt(u1) - 0.8 * sqrt(x1)", 1.2, "upper.x1"),
+        }, 6.0, 0.2),
+        "Kloss motor": HalvedSystem({
+            "motor": Half(f"({kloss} - x1) * {slip}", 0.0, "fan.x1"),
+            "fan": Half(f"(u1 - 1e-3 * x1 * x1) / {0.1 * pull}", 0.0, "motor.x1"),
+        }, 4.0, 0.02),
+        "Brusselator": HalvedSystem({
+            "maker": Half(f"1 + x1 * x1 * u1 - {tune + 1} * x1", 1.2, "other.x1"),
+            "other": Half(f"{tune} * u1 - u1 * u1 * x1", 1.5, "maker.x1"),
+        }, 6.0, 0.05),
     }  # fmt: skip
 
 
@@ -161,27 +139,26 @@ def coupled(halved: HalvedSystem, fmu: Path) -> Case:
     """The halves as FMUs, and their solution as one."""
     wires, start = [], {}
     for name, half in halved.parts.items():
-        start |= {f"{name}.f1": half.f1, f"{name}.f2": half.f2}
-        start |= {f"{name}.x1": half.x[0], f"{name}.x2": half.x[1]}
-        wires += [f"{source} -> {name}.u{k}" for k, source in enumerate(half.u, 1)]
-        start |= {f"{name}.u{k}": 0.0 for k in range(len(half.u) + 1, 3)}
+        values = {"f1": half.f1, "f2": half.f2, "x1": half.x1, "x2": half.x2, "u2": 0.0}
+        start |= {f"{name}.{x}": value for x, value in values.items()}
+        wires.append(f"{half.hears} -> {name}.u1")
     names = [f"{name}.x{k}" for name in halved.parts for k in (1, 2)]
     rates = {
-        name: eval(f"lambda t, x1, x2, u1, u2: ({half.f1}, {half.f2})", vars(math).copy())
+        name: eval(f"lambda t, x1, x2, u1: ({half.f1}, {half.f2})", vars(math).copy())
         for name, half in halved.parts.items()
     }
 
     def rhs(t: float, y: Any) -> list[float]:
-        values = dict(zip(names, y))
-        derivatives: list[float] = []
-        for name, half in halved.parts.items():
-            u = [values[source] for source in half.u] + [0.0] * (2 - len(half.u))
-            derivatives += rates[name](t, values[f"{name}.x1"], values[f"{name}.x2"], *u)
-        return derivatives
+        x = dict(zip(names, y))
+        return [
+            rate
+            for name, half in halved.parts.items()
+            for rate in rates[name](t, x[f"{name}.x1"], x[f"{name}.x2"], x[half.hears])
+        ]
 
-    y0 = [x for half in halved.parts.values() for x in half.x]
+    y0 = [x for half in halved.parts.values() for x in (half.x1, half.x2)]
     solution = solution_over_time(rhs, y0, halved.stop)
-    exact = {c: partial(state_at, solution, names.index(c)) for c in halved.columns}
+    exact = {names[k]: partial(state_at, solution, k) for k in range(0, len(names), 2)}
     system = System(dict.fromkeys(halved.parts, fmu), wires, start)
     return Case(system, halved.stop, halved.step, exact)
 

@@ -28,6 +28,7 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import Identified, Series, System, identify
 from cosim.system import Value
+from tests.scenarios.orbit_oracle import Drive
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/identify.md", "How far it can be trusted")
@@ -74,16 +75,6 @@ class Record(NamedTuple):
     states: Sequence[str]
 
 
-def slider(phi: float, rod: float) -> tuple[float, float, float]:
-    """Position of the trough and its derivatives by the crank angle; rod inf is much longer."""
-    s, c = math.sin(phi), math.cos(phi)
-    if math.isinf(rod):
-        return R * s, R * c, -R * s
-    q = math.sqrt(rod**2 - (R * c) ** 2)
-    dq, ddq = R**2 * s * c / q, R**2 * (c * c - s * s) / q - (R**2 * s * c) ** 2 / q**3
-    return R * s + q - rod, R * c + dq, -R * s + ddq
-
-
 def static(p: Mapping[str, float], w: float) -> float:
     """Torque of a motor at a steady speed."""
     if "motor.kloss.w_s" not in p:
@@ -106,7 +97,7 @@ def conveyor_rates(
     """
     phi, w, tau = y
     m, c, d = p["conveyor.trough.m"], p["conveyor.spring.c"], p["conveyor.trough.d"]
-    x, x1, x2 = slider(phi, rod)
+    x, x1, x2, _ = Drive(r=R, l=rod, finite=rod < math.inf).trough(phi)
     load = c * x * x1 + d * x1 * x1 * w + m * x1 * x2 * w * w
     load += friction * x1 * math.tanh(200.0 * x1 * w)
     drifted = p | {"motor.A": p.get("motor.A", 0.0) * (1.0 + drift * t)}

@@ -3,8 +3,8 @@
 A line of the table is a piece of work in a process of its own: the median of its processor time, child processes
 included, after a first time, for one of what it makes many of, and the most memory of the process. `--against` names
 a folder with a checkout, its own environment and built FMUs, where the same work is done for the ratio. Other masters
-take what `pip install libcosimpy ecospy tbb` installs. `--threads` compares two threads of members with two programs
-in C, in wall time, which needs two idle cores.
+take what `pip install libcosimpy ecospy tbb` installs. Lines of two threads and of two
+programs have the wall time, which needs two idle cores.
 """
 
 from __future__ import annotations
@@ -57,13 +57,20 @@ steps_per_rev = 512
 Work = Callable[[], object]
 
 
+def seconds() -> float:
+    """Processor time of this process and of its children that ended."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(x.ru_utime + x.ru_stime for x in used)
+
+
 class Line(NamedTuple):
-    """What a line says, what makes its work in a checkout, how many of what it says the work holds, and arguments."""
+    """What a line says, what makes its work in a checkout, how many of what it says the work holds, arguments, and the time."""
 
     words: str
     make: Callable[..., Work]
     count: int = 1
     arguments: tuple[Any, ...] = ()
+    clock: Callable[[], float] = seconds
 
 
 def pairs(fmus: Path, number: int = 1) -> Any:
@@ -223,6 +230,33 @@ def members(root: Path, steps: int, every: int, number: int) -> Work:
     return work
 
 
+def threads(root: Path, jobs: int) -> Work:
+    """Members of many steps and two rows, in so many threads."""
+    from cosim import Prepared, RunSettings
+
+    stop = 10 * STEPS * FINE
+    settings = RunSettings(stop, FINE, output_step=stop, record=COLUMNS)
+    cases = {"motor.A": [7000.0 + k / MEMBERS for k in range(MEMBERS)]}
+
+    def work() -> None:
+        with Prepared.open(pairs(root / "fmus" / "native"), settings) as prepared:
+            prepared.map(cases, jobs=jobs)
+
+    return work
+
+
+def programs(_: Path, number: int) -> Work:
+    """So many programs in C at a time."""
+    command = [str(compiled()), str(5 * LONGER), "1"]
+
+    def work() -> None:
+        running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(number)]
+        for process in running:
+            process.wait()
+
+    return work
+
+
 def single_run(
     root: Path, stop: float, step: float | None, output_step: float | None = None
 ) -> Work:
@@ -354,6 +388,11 @@ LINES = (
             (f"{STEPS} steps, two rows", STEPS, STEPS, MEMBERS), ("10 steps, of 100 000", 10, 1, 100_000),
         )
     ),
+    *(
+        Line(f"{words}, {n} at a time, wall", make, n, (n,), time.perf_counter)
+        for words, make in (("threads of members", threads), ("programs in C", programs))
+        for n in (1, 2)
+    ),
     Line(f"a single run of {STEPS} steps", single_run, 1, (STEPS * FINE, FINE)),
     Line(f"a run of {STEPS} steps, prepared", prepared_runs, 100, (100,)),
     Line("an adaptive run", single_run, 1, (0.3, None)),
@@ -367,12 +406,6 @@ LINES = (
 )  # fmt: skip
 
 
-def seconds() -> float:
-    """Processor time of this process and of its children that ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(x.ru_utime + x.ru_stime for x in used)
-
-
 def measure_here(number: int, root: Path, rounds: int) -> None:
     """Print the seconds for one of what a line says, and the most memory [MB]."""
     sys.path[:0] = [str(root)]
@@ -381,9 +414,9 @@ def measure_here(number: int, root: Path, rounds: int) -> None:
     work()
     times = []
     for _ in range(rounds):
-        began = seconds()
+        began = line.clock()
         work()
-        times.append((seconds() - began) / line.count)
+        times.append((line.clock() - began) / line.count)
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     print("\nmeasured", median(times), memory, flush=True)
 
@@ -409,51 +442,16 @@ def in_words(time: float) -> str:
     return f"{time / 1e-6:.3g} us"
 
 
-def compare_threads(rounds: int) -> None:
-    """Print the wall time of two threads of members over that of one, beside two programs in C over one."""
-    sys.path[:0] = [str(ROOT)]
-    from cosim import Prepared, RunSettings
-
-    def wall(work: Work) -> float:
-        began = time.perf_counter()
-        work()
-        return time.perf_counter() - began
-
-    program = compiled()
-
-    def programs(number: int) -> None:
-        command = [str(program), str(5 * LONGER), "1"]
-        running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in range(number)]
-        for process in running:
-            process.wait()
-
-    cases = {"motor.A": [7000.0 + k / MEMBERS for k in range(MEMBERS)]}
-    stop = 10 * STEPS * FINE
-    settings = RunSettings(stop, FINE, output_step=stop, record=COLUMNS)
-    with Prepared.open(pairs(ROOT / "fmus" / "native"), settings) as prepared:
-        prepared.map(cases, jobs=2)
-        ratios = [
-            (wall(lambda: prepared.map(cases, jobs=2)) / wall(lambda: prepared.map(cases)),
-             0.5 * wall(lambda: programs(2)) / wall(lambda: programs(1)))
-            for _ in range(rounds)
-        ]  # fmt: skip
-    ours, bare = map(median, zip(*ratios))
-    print(f"two threads take {ours:.2f} of the time of one, two programs in C {bare:.2f}")
-
-
 def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--against", type=Path, help="folder of another checkout")
     parser.add_argument("--only", default="", help="lines with these words")
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--threads", action="store_true")
     parser.add_argument("--line", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--root", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    if options.threads:
-        compare_threads(options.rounds)
-    elif options.root:
+    if options.root:
         measure_here(options.line, options.root, options.rounds)
     else:
         places = [ROOT] + ([options.against.resolve()] if options.against else [])

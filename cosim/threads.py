@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from queue import Empty, SimpleQueue
 
 from .ensemble import Ensemble
@@ -22,19 +23,34 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
-def in_order(batch: Batch, worker: Worker) -> Iterator[Ensemble]:
-    """The blocks of a worker until nothing waits, the user interrupts, or it may call its FMUs no more."""
-    done = 0
+def in_order(
+    batch: Batch,
+    worker: Worker,
+    report: Callable[[int], object] | None = None,
+    lock: threading.Lock | None = None,
+) -> Iterator[Ensemble]:
+    """The blocks of a worker until nothing waits, the user interrupts, or it may call its FMUs no more.
+
+    It reports how many members are done; what waits is touched under the lock.
+    """
+    done, lock = 0, lock or threading.Lock()
 
     def progress(n: int) -> None:
-        batch.report((done + n) / batch.members)
+        if report:
+            report(done + n)
+        else:
+            batch.report((done + n) / batch.members)
 
-    while batch.waiting and not batch.interrupts and not worker.abandoned:
-        chunk = batch.waiting.pop(0)
+    while not (batch.interrupts or worker.abandoned):
+        with lock:
+            if not batch.waiting:
+                return
+            chunk = batch.waiting.pop(0)
         block = batch.evaluate(worker, batch.cases, chunk, progress)
-        batch.return_undone(chunk, block)
-        yield block
+        with lock:
+            batch.return_undone(chunk, block)
         done += len(block)
+        yield block
 
 
 def in_threads(batch: Batch, workers: list[Worker]) -> Iterator[Ensemble]:
@@ -43,25 +59,14 @@ def in_threads(batch: Batch, workers: list[Worker]) -> Iterator[Ensemble]:
     done = [0] * len(workers)
 
     def work(k: int, worker: Worker) -> None:
-        finished = 0
-
-        def progress(n: int) -> None:
-            done[k] = finished + n
-
-        while not (ends.is_set() or batch.interrupts or worker.abandoned):
-            with lock:
-                if not batch.waiting:
+        try:
+            for block in in_order(batch, worker, partial(done.__setitem__, k), lock):
+                blocks.put(block)
+                if ends.is_set():
                     return
-                chunk = batch.waiting.pop(0)
-            try:
-                block = batch.evaluate(worker, batch.cases, chunk, progress)
-            except BaseException:
-                ends.set()
-                raise
-            finished += len(block)
-            with lock:
-                batch.return_undone(chunk, block)
-            blocks.put(block)
+        except BaseException:
+            ends.set()
+            raise
 
     with ThreadPoolExecutor(len(workers)) as pool:
         running = [pool.submit(work, k, worker) for k, worker in enumerate(workers)]
