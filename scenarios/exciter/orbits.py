@@ -169,15 +169,17 @@ class Shooting:
         with Prepared.open(system, settings) as prepared:
             yield cls(prepared, system, theory)
 
-    def ends(self, z: Array, duration: Array, steps: NDArray[np.intp]) -> Array:
-        """Return angle and states after times [s], begun at unknowns z, shape (..., 5); nan where a run fails."""
-        columns = dict(zip((*STATES, SUPPLY), z.reshape(-1, 5).T))
-        times = duration.ravel()
-        each = (times / np.broadcast_to(steps, duration.shape).ravel()).tolist()
-        ensemble = self.prepared.map(columns, steps=each, stops=times.tolist())
+    def ends(self, begins: Array, steps: NDArray[np.intp]) -> Array:
+        """Return angle and states, shape (..., 5), after runs that begin with the states and the supply and last so long
+        [s], shape (..., 6); nan where a run fails.
+        """
+        *columns, times = begins.reshape(-1, 6).T
+        each = (times / np.broadcast_to(steps, begins.shape[:-1]).ravel()).tolist()
+        cases = dict(zip((*STATES, SUPPLY), columns))
+        ensemble = self.prepared.map(cases, steps=each, stops=times.tolist())
         last = ensemble.rows[np.arange(len(times)), np.maximum(ensemble.counts - 1, 0), 1:]
         last[[bool(reason) for reason in ensemble.reasons]] = np.nan
-        return np.asarray(last.reshape(z.shape))
+        return np.asarray(last.reshape(*begins.shape[:-1], 5))
 
     def orbits(self, speed: Array, steps: NDArray[np.intp]) -> ExciterOrbits:
         """Find the steady motions of mean speeds [rad/s] by Newton's method, from the response of averaged theory.
@@ -193,29 +195,25 @@ class Shooting:
         z, period = first_guesses(self.system, speed), TURN / speed
         slope, multipliers = np.full(n, np.nan), np.full((n, 4), np.nan, complex)
         is_open, is_found = np.isfinite(speed), np.zeros(n, bool)
-        unit = np.vstack([np.zeros(5), np.kron(np.eye(5), [[1.0], [-1.0]]), np.zeros((2, 5))])
-        longer = 1.0 + PERTURBATION * np.array([*np.zeros(11), 1.0, -1.0])
+        shifts = PERTURBATION * np.vstack([np.zeros(6), np.kron(np.eye(6), [[1.0], [-1.0]])])
         for _ in range(MAX_ROUNDS):
             m = np.flatnonzero(is_open)
             if not len(m):
                 break
-            scales = scales_of(z[m], speed[m])
-            shifts = PERTURBATION * scales[:, None]
-            durations = period[m, None] * longer
-            ends = self.ends(z[m, None] + shifts * unit, durations, steps[m, None])
-            flow = np.swapaxes(
-                (ends[:, 1:11:2] - ends[:, 2:11:2]) / (2 * np.swapaxes(shifts, 1, 2)), 1, 2
-            )
+            scales = np.column_stack([scales_of(z[m], speed[m]), period[m]])
+            begins = np.column_stack([z[m], period[m]])[:, None] + shifts * scales[:, None]
+            ends = self.ends(begins, steps[m, None])
+            slopes = (ends[:, 1::2] - ends[:, 2::2]) / (2 * PERTURBATION * scales[..., None])
+            flow, rates = np.swapaxes(slopes[:, :5], 1, 2), slopes[:, 5]
             back = flow.copy()
             back[:, 1:, :4] -= np.eye(4)
             left = np.concatenate([np.full((len(m), 1), TURN), z[m, :4]], axis=1) - ends[:, 0]
             step = np.linalg.solve(back, left[..., None])[..., 0]
             z[m] += step
-            change = (np.abs(step) / scales).max(axis=1)
+            change = (np.abs(step) / scales[:, :5]).max(axis=1)
             done = change < CONVERGED
-            rates = (ends[:, 11] - ends[:, 12]) / (2 * PERTURBATION * period[m, None])
-            slopes = np.linalg.solve(back, -rates[..., None])[:, 4, 0] * -period[m] / speed[m]
-            slope[m[done]] = slopes[done]
+            of_period = np.linalg.solve(back, -rates[..., None])[:, 4, 0]
+            slope[m[done]] = (of_period * -period[m] / speed[m])[done]
             sections = flow[:, 1:, :4] - rates[:, 1:, None] * flow[:, :1, :4] / rates[:, :1, None]
             found = np.linalg.eigvals(sections[done])
             order = np.argsort(np.abs(found - 1.0), axis=1)
