@@ -37,6 +37,8 @@ LEAST_AMPLITUDE = 1e-6
 LEAST_SUPPLY = 1e-2
 #: Relative perturbation for central differences; derived from the cube root of the machine precision.
 PERTURBATION = 1e-5
+#: Imaginary step that gives the slope of a formula without a difference (Squire and Trapp, SIAM Review 40, 1998) [rad/s].
+TINY = 1e-30
 #: Relative change of the unknowns at which Newton's method has converged; its next one is the square.
 CONVERGED = 1e-8
 #: Relative change of the unknowns at which Newton's method has left the initial guess; a convention.
@@ -114,10 +116,7 @@ def averaged(system: System) -> Averaged:
         return R / k * (d_r * w + d * U**2 * w**5 / (2 * distance)) + k * w
 
     def slope(w: Any) -> Any:
-        distance = (c - M * w**2) ** 2 + (d * w) ** 2
-        growth = -4 * M * w * (c - M * w**2) + 2 * d**2 * w
-        rise = w**4 * (5 * distance - w * growth) / distance**2
-        return R / k * (d_r + d * U**2 / 2 * rise) + k
+        return np.imag(supply(w + 1j * TINY)) / TINY
 
     resonance = math.sqrt(c / M)
     if d == 0.0 or resonance == 0.0:

@@ -40,6 +40,9 @@ SPACING = 0.03
 #: The slowest of these speeds, over that bound; a convention.
 SLOWEST_PRODUCT = 0.5
 
+#: Speeds below a limit at which products are tried again; a convention.
+CHECKS = 10
+
 
 class Product(Passage):
     """One of many products: which stage it comes to, and why it jams."""
@@ -85,21 +88,28 @@ def table_of(products: Motions) -> DataFrame:
 
 
 def until_jam(fmus: Mapping[str, Path], products: Sequence[Product]) -> DataFrame:
-    """Return products at rising speeds, and those between and beside them that locate where the first of them jams."""
+    """Return products at rising speeds, and those between and beside them that locate where the first of them jams.
+
+    Some speeds below are tried, too, since jams may come and go there, and all is done again if one of these jams.
+    """
     context = Context(fmus, certifies=False)
     speeds = np.array([o.speed for o in products])
     sought = Find("speed", speeds[0], speeds[-1], "oriented", 0.5, "all", "rad/s")
     line = LineSearch.along(measured(context, products), sought, speeds)
-    (places,) = search(context, [line])
-    known = line.known
-    assert known is not None
-    for found in places:
-        at, width = found.place.value, found.place.error
-        if width is not None and not found.rises:
-            both = [line.at(at + x) for x in (-width, width)]
-            known = known.beside(measured(context, both))
-            break
-    return table_of(known)
+    while True:
+        (places,) = search(context, [line])
+        assert line.known is not None
+        falls = [x.place for x in places if x.place.error is not None and not x.rises]
+        if not falls:
+            return table_of(line.known)
+        at, width = falls[0].value, falls[0].error or 0.0
+        above = int(np.searchsorted(line.x, at))
+        first = max(0.0, at - width - float(line.x[above] - line.x[above - 1]))
+        tried = np.array([*np.linspace(first, at - width, CHECKS + 2)[1:], at + width])
+        ends = measured(context, [line.at(x) for x in tried.tolist()])
+        line.take(tried, ends)
+        if ends.columns["oriented"].value[:CHECKS].all():
+            return table_of(line.known)
 
 
 def oriented_and_jam(products: DataFrame) -> tuple[DataFrame, DataFrame]:

@@ -16,10 +16,17 @@ from cosim import System
 from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
 from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm_of_squared
-from scenarios.orientator.products import RPM, Product, fastest, run_product, table_of
+from scenarios.orientator.products import (
+    PRODUCT_UNITS,
+    RPM,
+    Product,
+    fastest,
+    run_product,
+    table_of,
+)
 from scenarios.orientator.questions import orientation_time
 from tests.conftest import ask, fmus_of
-from workbench import Context
+from workbench import Context, Figure, Findings
 from workbench.orbits import measured
 
 LIMITS = {0.1: 126.38634, 0.2: 100.23145, 0.3: 84.54107, 0.35: 77.75026, 0.4: 71.75820,
@@ -239,3 +246,22 @@ def test_the_last_product_that_works_and_the_first_that_jams_stand_beside_each_o
         assert f"{n:.7g} rpm" in motion.title
     assert "oriented" in motion.captions[-1] and "jammed" in motion.captions[-1]
     assert len([x for x in motion.shapes if x.name == "cup"]) == 2
+
+
+def test_a_jam_between_speeds_that_work_is_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that lies between two neighbours of the sweep, below the speed from which on all products jam."""
+
+    def solve_all(_context: Context, asked: Any) -> list[Findings]:
+        jams = [6.94 <= o.speed <= 6.99 or o.speed >= 7.1 for o in asked]
+        return [
+            Findings({
+                **{x: Figure(0.1, "s", 0.0) for x in [*PRODUCT_UNITS][4:]},
+                "stage": Figure(4.0 + jam, "1", 0.0), "reason": Figure(6.0 * jam, "1", 0.0),
+                "oriented": Figure(1.0 - jam, "1", 0.0),
+            })
+            for jam in jams
+        ]  # fmt: skip
+
+    monkeypatch.setattr(Product, "solve_all", solve_all)
+    limit = fastest(system(0.35), 0.35, np.arange(5.0, 8.0, 0.25))
+    assert limit.value <= 6.94 * RPM <= limit.value + limit.error < 6.941 * RPM

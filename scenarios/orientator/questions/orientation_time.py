@@ -1,7 +1,7 @@
 """How long does orienting a product take, and up to which rotor speed does the machine work?
 
 The speed of the rotor is swept for several coefficients of friction. Each curve ends where products jam,
-and these limits are located by bisection.
+and these limits are located by a search.
 
 With `--compare formula` the answer also says how well the formula for the limit and the closed bound of stage
 joint meet the simulated limits of three cups, and which dimension raises the limit most. With
