@@ -78,7 +78,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     from .options import declared
     from .run import ask
     from .runs.folder import reservation
-    from .study.tolerance import study_file, with_tolerances
+    from .study.tolerance import STUDY, study_file, with_tolerances
 
     parser = _parser_of(question, f"{program} run {argv[0]}")
     _add_common(parser, "results/NAME, or NAME/SET")
@@ -114,7 +114,8 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
             content = study_file(scenario, options, answer, texts, machines)
             answer = with_tolerances(answer, content, args["out"], project, **settings)
         with as_question_errors(question.module):
-            print_and_write(answer, args["out"], animate=animate, seconds=seconds)
+            more = [f"{STUDY}/"] if texts else []
+            print_and_write(answer, args["out"], animate=animate, seconds=seconds, more=more)
     return REFUSED if answer.refused else 0
 
 

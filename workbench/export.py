@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from importlib.util import find_spec
@@ -139,12 +139,17 @@ def _asked_values(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def print_and_write(
-    answer: Answer, folder: Path, *, animate: bool = False, seconds: float = 0.0
+    answer: Answer,
+    folder: Path,
+    *,
+    animate: bool = False,
+    seconds: float = 0.0,
+    more: Sequence[str] = (),
 ) -> None:
     """Print the verdict, the figures and the FMUs' warnings; then write the files, and print where they are.
 
     An answer to other values that the folder has is replaced, which is said on stderr. Remedies are sought and printed behind
-    the answer if that takes no longer than so many seconds.
+    the answer if that takes no longer than so many seconds. `more` has been written to the folder before.
     """
     if text := replacement_notice(answer, folder):
         print(text, file=sys.stderr)
@@ -153,7 +158,7 @@ def print_and_write(
     answer, lines = with_remedies(answer, seconds)
     for line in lines:
         print(line, flush=True)
-    names = write(answer, folder, animate=animate)
+    names = [*write(answer, folder, animate=animate), *more]
     print(f"{', '.join(names)} written to {folder}")
     if PAGE not in names:
         print('no page was written: install it with pip install "drive-fmus[page]"')

@@ -89,6 +89,11 @@ class Figure(NamedTuple):
         """Whether its error is still to be determined."""
         return self.error is not None and math.isnan(self.error)
 
+    @property
+    def known_error(self) -> float:
+        """The error, nan where there is none."""
+        return math.nan if self.error is None else self.error
+
     def problem(self) -> str:
         """Return why this is no valid figure, as the end of a sentence about it; "" if it is one."""
         if not isinstance(self.unit, str) or not self.unit:

@@ -10,7 +10,7 @@ bracket is narrowed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
@@ -23,10 +23,12 @@ from scipy.optimize import minimize_scalar
 from scipy.optimize.elementwise import find_root
 
 from cosim import CONVERGENCE_ORDERS, SetupError, SimulationError
+from cosim.units import read_quantity
 
 from .answer import Findings
 from .context import Context
 from .figure import Figure
+from .options import Option
 from .orbits import (
     COARSE_UNSTABLE,
     STEP_MULTIPLES,
@@ -352,6 +354,15 @@ class LineSearch:
         return f"{self.find.over} at which {self.name} is {self.find.level}"
 
 
+def with_level(sought: Find, figures: Mapping[str, Figure]) -> Find:
+    """Return what is sought with its level, "400 ms", as a number in the unit of its figure."""
+    name, level = sought.figure, sought.level
+    if not isinstance(level, str) or not isinstance(name, str) or not read_quantity(level):
+        return sought
+    unit = figures[name].unit.removeprefix("1") if name in figures else ""
+    return sought._replace(level=Option(name, float, unit=unit).read(level, f"level of {name}"))
+
+
 def _signs(y: Array) -> NDArray[np.int64]:
     """The signs of values in sequence, each once."""
     signs = np.sign(y[np.isfinite(y)]).astype(np.int64)
@@ -457,6 +468,7 @@ def _peaks(
         return []
     searches, x = [s for s, _ in tops], np.array([x for _, x in tops])
     problems, own = np.full(len(tops), "", object), [s.name for s in searches]
+    heights = ["1"] * len(tops)
     has_steps = isinstance(searches[0].question.method, Orbit)
 
     def smooth(nodes: Array) -> tuple[NDArray[Any], Array]:
@@ -469,8 +481,9 @@ def _peaks(
             theory = s.guide.theory(at)
             found[:, i, k] = [(s.smooth(at, one, row) - theory)[0] for row in range(len(found))]
             problems[k] = problems[k] or one.problems[0]
+            x = one.columns[own[k]]
+            heights[k] = x.unit
             if not has_steps:
-                x = one.columns[own[k]]
                 noise[i, k] = x.error[0] / abs(x.value[0])
         return found, noise.max(0)
 
@@ -488,7 +501,7 @@ def _peaks(
         order = CONVERGENCE_ORDERS[getattr(s.question, "algorithm", "strang")]
         why = of_all.places.reasons[k] and (problems[k] or of_all.places.reasons[k])
         pair = []
-        units = ((s.find.unit or "1", s.meaning), ("1", f"largest {s.find.figure}"))
+        units = ((s.find.unit or "1", s.meaning), (heights[k], f"largest {s.find.figure}"))
         for one, text in zip(of_all, units):
             value, error = one.x[:, k], one.error[:, k]
             if not (has_steps or why):

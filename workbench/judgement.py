@@ -13,7 +13,7 @@ from cosim import SetupError
 from cosim.json_values import without_infinities
 from cosim.rounding import rounded, unit_suffix
 
-from .figure import MOST_DIGITS, Figure
+from .figure import MOST_DIGITS, Figure, listed
 
 #: A whole, in percent.
 WHOLE = 100.0
@@ -81,6 +81,12 @@ class Judgement:
         return {Holds.YES: self.is_wanted, Holds.NO: not self.is_wanted}.get(
             self.answer or Holds.OPEN
         )
+
+    @property
+    def claim(self) -> str:
+        """All that is claimed: of the figure, and what else must hold."""
+        more = [x.claim for x in self.also] if _bounds(self) else []
+        return listed([self.what, *more])
 
     @property
     def answer(self) -> Holds | None:
@@ -161,7 +167,7 @@ class Judgement:
         """Return the judgement in a line, "Torque ripple below its limit: yes, 16.2 of 62.5 N.m (26 %)"."""
         said = ", ".join(x for x in (self.answer and str(self.answer), self.evidence()) if x)
         return capital(
-            ": ".join(x for x in (self.what, "; ".join(x for x in (said, self.note) if x)) if x)
+            ": ".join(x for x in (self.claim, "; ".join(x for x in (said, self.note) if x)) if x)
         )
 
     def headline(self) -> str:

@@ -138,7 +138,7 @@ class Remedies(NamedTuple):
                 said = f"between {up[0].value:.6g} and {down[0].value:.6g}"
             name = f"{x.name} ({x.meaning})" if x.meaning else x.name
             texts.append(f"{name} {said}{unit_suffix(x.unit)}, now {x.now:.6g}")
-        claim = f"{capital(self.judgement.what)}: {Holds.YES if self.judgement.is_wanted else Holds.NO} with"
+        claim = f"{capital(self.judgement.claim)}: {Holds.YES if self.judgement.is_wanted else Holds.NO} with"
         lines = [f"{claim} {x}" for x in texts]
         if len(texts) > 1:
             lines = [f"{claim} any one of these changes:", *(f"- {x}" for x in texts)]
@@ -163,7 +163,7 @@ class Remedies(NamedTuple):
         none = [Remedy(x, is_upper=False, place=math.nan, until=math.nan) for x in self.without]
         return [
             {
-                "claim": self.judgement.what, **x.varied._asdict(), "side": "from" if x.is_upper else "up to",
+                "claim": self.judgement.claim, **x.varied._asdict(), "side": "from" if x.is_upper else "up to",
                 "value": x.value, "error": x.error, "until": x.until, "change": x.change, "turns": "; ".join(x.turns),
                 "changes": "; ".join(x.changes),
             }

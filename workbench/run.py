@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -27,7 +26,7 @@ from .answer import Answer, Findings, Show, option_values, parameters
 from .catalog import QuestionError, as_question_errors
 from .context import IN_PROCESS, Context, captured_log_warnings
 from .figure import Figure, checked_figures
-from .find import Find, find
+from .find import Find, find, with_level
 from .judgement import Holds, Judgement, lines
 from .live import Live
 from .live.build import for_shell
@@ -286,7 +285,12 @@ def _solved(
                 check_fixed_starts(o.start, question.fixed_starts)
             found = question.solve_all(Context(fmus), asked)
             good = {k: x for k, x in enumerate(found) if isinstance(x, Findings)}
-            places = find(Context(fmus), [(asked[k], x) for k in good for x in finds.values()])
+            sought = [
+                (asked[k], with_level(x, of_case.figures))
+                for k, of_case in good.items()
+                for x in finds.values()
+            ]
+            places = find(Context(fmus), sought)
             for j, (k, x) in enumerate(good.items()):
                 of_case = zip(finds, places[j * len(finds) :])
                 more = {
@@ -323,7 +327,7 @@ def _judged(judgements: Sequence[Judgement]) -> dict[str, Figure]:
 def _study_row(findings: Findings, logged: Sequence[str]) -> Row:
     """What a row of a study has of what was found."""
     figures = findings.figures.items()
-    numbers = [(f.value, math.nan if f.error is None else f.error) for _, f in figures]
+    numbers = [(f.value, f.known_error) for _, f in figures]
     texts = [[name, f.unit, f.reason] for name, f in figures]
     return texts, np.array(numbers, float).reshape(-1, 2), [*findings.warnings, *logged]
 

@@ -20,6 +20,7 @@ from workbench.charts.model import FORCE, SPEED, TORQUE, SecondUnit
 from workbench.figure import figure_of_figures
 from workbench.find import Found, search
 from workbench.orbits import FigureColumn
+from workbench.study.charts import curves_over
 
 from .first_order import Machine, Samples, classical, rod_force
 from .orbit import DriveOrbit
@@ -78,7 +79,7 @@ class Calculation(NamedTuple):
     def amplitude(self, machine: Machine, nu: Any) -> Any:
         """Return what the calculation says at nu [rad/s]."""
         loads = classical(machine, nu, inertia=WITH_INERTIA[self.method])
-        return abs({"torque": loads.torque, "speed": loads.speed, "force": loads.force}[self.load])
+        return abs(getattr(loads, self.load))
 
     def theory(self, machine: Machine, nu: Any) -> Any:
         """Return what first-order theory says at nu [rad/s], which leaves out less."""
@@ -176,7 +177,9 @@ def compare(
         unit="%",
         meaning="inertia force over spring force at the first limit",
     )
-    return ClassicalComparison(figures, table_of(sweep), machine, tolerance, sweep.speeds[0])
+    names = [*(x.column for x in LOADS.values()), *(case.key for case in CALCULATIONS)]
+    table = sweep.table_of(dict(zip(names, names)), names)
+    return ClassicalComparison(figures, table, machine, tolerance, sweep.speeds[0])
 
 
 def limit_of(nus: Samples, errors: FigureColumn, tolerance: float, ends: Sequence[Found]) -> Figure:
@@ -196,16 +199,6 @@ def limit_of(nus: Samples, errors: FigureColumn, tolerance: float, ends: Sequenc
     if reason or first is None:
         return Figure.undetermined("rad/s", reason)
     return first.place
-
-
-def table_of(sweep: SpeedSweep) -> Table:
-    """Return the quantities over the speed, and the error of each calculation."""
-    columns, units = {"nu": np.array(sweep.speeds)}, {"nu": "rad/s"}
-    for name in (*(x.column for x in LOADS.values()), *(case.key for case in CALCULATIONS)):
-        x = sweep.motions.columns[name]
-        columns |= {name: x.value, f"{name}_error": x.error}
-        units |= dict.fromkeys((name, f"{name}_error"), x.unit)
-    return Table(columns, units)
 
 
 def worst(values: Samples, errors: Samples, meaning: str) -> Figure:
@@ -265,19 +258,13 @@ def force_over_speed(r: ClassicalComparison, nu: Any) -> Panel:
 
 def error_chart(r: ClassicalComparison, marks: Sequence[Mark]) -> Chart:
     """Return the errors of both calculations over the speed."""
+    panels = {
+        f"error {LOAD_TEXTS[method]}": {f"{method}_{load}": x.name for load, x in LOADS.items()}
+        for method in STYLES
+    }
+    chart = curves_over(r.table, "nu", panels, "Errors of both classical calculations", marks)
     levels = [Mark(s * r.tolerance, f"{s * r.tolerance:+g} %") for s in (1, -1)]
-    at, panels = r.frame["nu"].to_numpy(), []
-    for method in STYLES:
-        lines = [
-            Curve(name, at, r.frame[f"{method}_{load}"].to_numpy(), color, "linked")
-            for load, (_, name, _, color) in LOADS.items()
-        ]
-        text = LOAD_TEXTS[method].removeprefix("with ").removeprefix("the ")
-        panels.append(Panel(f"error, {text}", "%", lines, levels))
-    return Chart(
-        "Errors of both classical calculations",
-        "operating speed [rad/s]",
-        panels,
-        marks,
-        second=RPM,
-    )
+    with_levels = [
+        panel._replace(levels=levels) for panel in chart.panels if isinstance(panel, Panel)
+    ]
+    return chart._replace(panels=with_levels, second=RPM)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -124,6 +125,18 @@ class RippleOptions(workbench.Options):
     def torque_ripple_limit(self) -> float:
         """The limit of the torque ripple [N.m]."""
         return self.limit / 100 * self.rated_torque_or_default
+
+    def ripple_below_limit(self, tau2: Figure, speed: float) -> Judgement:
+        """Return whether a torque ripple is below its limit at a speed [rad/s]."""
+        at = f"{speed:.4g} rad/s ({speed * 30 / math.pi:.4g} rpm)"
+        return Judgement(
+            f"torque ripple below its limit at {at}",
+            tau2,
+            most=self.torque_ripple_limit,
+            yes=f"{at} is safe for torque",
+            no=f"Avoid {at} for its torque",
+            note=self.default_rating_note,
+        )
 
     @property
     def default_rating_note(self) -> str:

@@ -180,7 +180,7 @@ def on_edge(probabilities: Any, count: int) -> list[int]:
     """Numbers of places where the outcome is open, spread over them all."""
     open_ = np.flatnonzero((probabilities > OPEN[0]) & (probabilities < OPEN[1]))
     chosen = np.linspace(0, len(open_) - 1, min(count, len(open_))).round().astype(int)
-    return sorted({int(open_[k]) for k in chosen})
+    return sorted(set(open_[chosen].tolist()))
 
 
 def compared_with_orbits(sample: Sample, torques: Any, limit: float) -> dict[str, Any]:

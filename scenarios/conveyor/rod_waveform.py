@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
+from workbench.orbits import sector_peaks
+
 from .first_order import NODE_ANGLES, Machine, Mechanism, crank, push
 
 ROD_FORCE = "conveyor.f_rod"
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
-#: Even angles from the best of which Newton's method begins; a period of order 32 has 128 of them.
-FIRST_ANGLES = 4096
 #: Relative error to which a spring is located; a convention, below the coupling errors of a force.
 CLOSE = 1e-6
-#: Newton's steps from one of FIRST_ANGLES angles to a peak, which leaves an error of the order of 1e-3^8; then rounding.
-NEWTON_STEPS = 4
 
 
 def waveform(
@@ -41,27 +39,8 @@ def waveform(
 
 
 def peak(waveform: Any) -> float:
-    """The largest size of values at even angles of a turn, on the Fourier series through them.
-
-    From the best of FIRST_ANGLES angles, Newton's method goes to where the slope of the series is 0.
-    """
-    wave = np.fft.rfft(waveform, norm="forward")
-    fine = np.abs(np.fft.irfft(wave, FIRST_ANGLES, norm="forward"))
-    at = int(fine.argmax())
-    best, angle, k = float(fine[at]), 2 * math.pi * at / FIRST_ANGLES, np.arange(len(wave))
-    wave[1:] *= 2.0
-    if len(waveform) % 2 == 0:
-        wave[-1] /= 2.0
-    for _ in range(NEWTON_STEPS):
-        turned = wave * np.exp(1j * k * angle)
-        value, slope, bend = (
-            float((x * turned).sum().real) for x in (1.0 + 0.0 * k, 1j * k, -(k**2))
-        )
-        best = max(best, abs(value))
-        if bend * value >= 0.0:
-            break
-        angle -= slope / bend
-    return best
+    """The largest size of values at even angles of a turn, on the Fourier series through them."""
+    return float(sector_peaks(np.asarray(waveform)).max())
 
 
 def best_spring_between(waveform_of: Callable[[float], Any], low: float, high: float) -> float:

@@ -5,7 +5,7 @@ limits passed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -94,11 +94,15 @@ class SpeedSweep:
     @cached_property
     def table(self) -> Table:
         """What the orbits say, speed by speed."""
+        return self.table_of(COLUMNS, WITH_ERROR)
+
+    def table_of(self, figures: Mapping[str, str], with_error: Collection[str]) -> Table:
+        """Return figures over the speed, by the names of their columns, some with their errors behind them."""
         columns, units = {"nu": np.array(self.speeds)}, {"nu": "rad/s"}
-        for name, figure in COLUMNS.items():
+        for name, figure in figures.items():
             x = self.motions.columns[figure]
             columns[name], units[name] = x.value, x.unit
-            if name in WITH_ERROR:
+            if name in with_error:
                 columns[f"{name}_error"], units[f"{name}_error"] = x.error, x.unit
         return Table(columns, units)
 

@@ -19,6 +19,7 @@ from cosim import SetupError
 from cosim.metrics import harmonics
 from scenarios.conveyor.classical import worst
 from scenarios.conveyor.first_order import SETS, Machine, classical, flux_lag
+from scenarios.conveyor.machine import kloss_slips
 from scenarios.conveyor.orbit import Drive as Runs
 from scenarios.conveyor.questions import induction_motor
 from scenarios.conveyor.second_order import deviation_left, means, settling_rates
@@ -389,7 +390,8 @@ def in_time(motor: induction_motor.Motor, nu: float, flux: bool) -> float:
     the rotor's flux x + i y in a field of constant flux turning at w_s: T (x + i y)' = 1 - (1 + i u)
     (x + i y), u the slip in shares of the breakdown slip, torque -2 tau_b y.
     """
-    m, b, tau_b = motor.machine, motor.breakdown_slip_speed, motor.breakdown_torque
+    m = motor.machine
+    tau_b, b, _ = kloss_slips(m, nu)
     u0 = float(motor.slip(nu))
     w_s, half = nu + u0 * b, m.r**2 / 2
 

@@ -53,7 +53,8 @@ class Curve(Question):
         }[self.shape]  # fmt: skip
         if self.shape == "hole" and x > 3.0:
             return Findings({"y": unknown, "square": unknown})
-        return Findings({"y": Figure(y, "1", 1e-9), "square": Figure(y * y, "1", 1e-9)})
+        unit = "N" if self.shape in ("wave", "hump") else "1"
+        return Findings({"y": Figure(y, unit, 1e-9), "square": Figure(y * y, "1", 1e-9)})
 
     def guide(self, figure: str, over: str) -> Any:
         return About() if (self.shape, figure) == ("wave", "y") else None
@@ -130,6 +131,7 @@ def test_a_largest_value_is_found_with_its_height_with_a_guide_or_without(shape:
     top, most = (math.pi / 10.0, 3.0) if shape == "wave" else (0.6, 1.0)
     assert place.error is not None and abs(place.value - top) <= place.error < 1e-3
     assert height.error is not None and abs(height.value - most) <= height.error < 1e-3
+    assert (place.unit, height.unit) == ("m", "N")
     ((edge, _),) = find(NOWHERE, [(curve(shape), Find("x", 1.2, 1.5, "y", "largest"))])
     assert edge.error is None and "edge" in edge.reason
 

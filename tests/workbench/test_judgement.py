@@ -37,3 +37,10 @@ def test_the_answer_is_that_of_all_values_within_the_errors(seed: int) -> None:
         # both bounds may exclude a part of what the figure may be, and no single one all of it
         excluded = value + errors[0] < least - errors[1] or value - errors[0] > most + errors[2]
         assert answer is (Holds.NO if excluded else Holds.OPEN)
+
+
+def test_a_claim_names_all_that_must_hold() -> None:
+    torque = Judgement("torque below its limit", Figure(9.0, "N.m", 0.1), most=8.0)
+    both = Judgement("in time", Figure(0.1, "s", 0.01), most=0.5, also=[torque])
+    assert both.text().startswith("In time and torque below its limit: no, ")
+    assert Judgement("safe", also=[torque]).claim == "safe"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -87,10 +88,10 @@ def test_limits_at_the_points_of_a_grid(tmp_path: Path) -> None:
     shares = pd.read_csv(tmp_path / "out" / "limits.csv")
     shares = shares[shares["figure"] == "height"]
     assert shares["times"].tolist() == [1, 2] and shares["above"].is_monotonic_increasing
-    assert " at times = 2, of all points there most often" in answer.verdict.splitlines()[0]
+    assert " at times = 2, nowhere more often" in answer.verdict.splitlines()[0]
     tied = write(tmp_path, text.replace("20m", "0m"))
     told = study.run(study.load(tied), out=tmp_path / "tied", jobs=1).verdict.splitlines()[0]
-    assert " at times = 1, as often as at 1 other point, and nowhere more often" in told
+    assert " at times = 1, nowhere more often" in told
     text = 'scenario = "plane.py"\n[grid]\nx = { from = 0.0, to = 4.0, number = 5 }\n[limits]\nheight = 5.0'
     answer = study.run(study.load(write(tmp_path, text)), out=tmp_path / "grid", jobs=1)
     assert answer.verdict.startswith("height is above 5 m in 3 of 5 runs; for x = 2 to 4 m.\n")
@@ -121,3 +122,35 @@ def test_a_yes_or_no_over_one_input_says_from_where_to_where(
     plan = study.load(write(tmp_path, f'scenario = "plane.py"\n[grid]\nx = {x.tolist()}\n'))
     table = Table({"x": x, "high": np.array(values[::-1], float)}, {"x": "m", "high": "1"})
     assert sentence(plan, table, "high") == f"high: {text}"
+
+
+def test_an_input_may_follow_from_others_by_a_formula(tmp_path: Path) -> None:
+    """The height 3 x + y over the points (x, x^2 + 1); a name that is no number of the file is refused."""
+    text = 'scenario = "plane.py"\n[fixed]\ntimes = 1\n[grid]\nx = [1.0, 2.0, 4.0]\n[linked]\ny = "x**2 + times"'
+    table = study.run(study.load(write(tmp_path, text)), out=tmp_path / "out", jobs=1).first_table
+    assert table["height"].tolist() == [5.0, 11.0, 29.0]
+    for formula, message in (
+        ('"x + z"', "linked.y names z, which is no number"), ('"x +"', "linked.y = 'x +' must be a formula"), ("2.0", "must be a formula"),
+    ):  # fmt: skip
+        wrong = write(tmp_path, text.replace('"x**2 + times"', formula))
+        with pytest.raises(SetupError, match=re.escape(message)):
+            study.load(wrong)
+
+
+def test_a_single_run_tells_the_error_of_a_figure_and_the_unit_of_what_is_found(
+    tmp_path: Path,
+) -> None:
+    """The level has a unit, 1500 cm of 3 x; the largest height is in that of the height."""
+    text = 'scenario = "plane.py"\n[find]\nat = { over = "x", from = 1.0, to = 9.0, figure = "height", level = "1500cm" }\n'
+    answer = study.run(study.load(write(tmp_path, text)), out=tmp_path / "out", jobs=1)
+    assert answer.first_table["at"][0] == pytest.approx(5.0, abs=2e-3)
+    assert answer.verdict.startswith("at is 5.0000 ± 0.0017 m in the only run.")
+
+
+def test_the_first_run_says_which_figure_of_the_file_there_is_not(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text = LIMITS.replace("root = 3.0", "roof = 3.0")
+    with pytest.raises(SetupError, match="no run has 'roof'"):
+        study.run(study.load(write(tmp_path, text)), out=tmp_path / "out", jobs=1)
+    assert "the first run: there is no 'roof', only height, y, root, high" in capfd.readouterr().err

@@ -22,6 +22,7 @@ from cosim import SetupError
 from cosim.units import read_quantity
 
 from ..find import Find
+from ..formula import Formula
 from ..options import TYPE_NAMES, Option, declared, quoted, unknown_option
 from ..project import NO_PROJECT, Project
 from ..question import Question
@@ -30,7 +31,7 @@ Value = float | int | str | bool
 Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
 KEYS = (
-    "scenario", "timeout", "figures", "judgements", "fixed", "grid", "sampling", "tolerances", "limits", "find",
+    "scenario", "timeout", "figures", "judgements", "fixed", "grid", "linked", "sampling", "tolerances", "limits", "find",
 )  # fmt: skip
 TOLERANCES = (
     "{ nominal, uniform }, { nominal, normal }, { nominal, normal, within } or { from, to }"
@@ -90,7 +91,8 @@ class Study:
     """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
 
     `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
-    as texts with one; `find` is what is sought in each run, by the name of the figure. With `judgements` these are figures as well.
+    as texts with one; `linked` are inputs that follow from the others by formulas; `find` is what is sought in each run, by
+    the name of the figure. With `judgements` these are figures as well.
     `units` are those of start values whose range or nominal value states one.
     """
 
@@ -103,6 +105,7 @@ class Study:
     figures: Sequence[str]
     fixed: Mapping[str, Value]
     grid: Mapping[str, Sequence[Value]]
+    linked: Mapping[str, Formula]
     tolerances: Mapping[str, rv_frozen]
     limits: Mapping[str, float | str]
     find: Mapping[str, Find]
@@ -140,7 +143,13 @@ class Study:
 
     def cases(self) -> list[dict[str, Value]]:
         """What each run is given: options of the question and start values, which have a dot."""
-        return [{**self.fixed, **self.given(dict(zip(self.varied, run)))} for run in self.runs()]
+        cases = []
+        for run in self.runs():
+            values = dict(zip(self.varied, run))
+            numbers: Any = {**self.fixed, **values}
+            linked = {name: formula(numbers) for name, formula in self.linked.items()}
+            cases.append({**self.fixed, **self.given(values), **linked})
+        return cases
 
     def given(self, values: Mapping[str, Value]) -> dict[str, Value]:
         """Values of inputs, those that are in a unit of their own as texts with it."""
@@ -185,7 +194,9 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     read, units = _inputs(question, tables)
     for name, times in Counter(itertools.chain(*read.values())).items():
         if times > 1:
-            raise SetupError(f"{name!r} is given in two of [fixed], [grid] and [tolerances]")
+            raise SetupError(
+                f"{name!r} is given in two of [fixed], [grid], [linked] and [tolerances]"
+            )
     if not read["grid"] and not read["tolerances"] and not tables["find"]:
         raise SetupError("nothing varies: a study needs a table [grid], [tolerances] or [find]")
     if bool(read["tolerances"]) != ("sampling" in content):
@@ -195,6 +206,13 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     count = prod(map(len, read["grid"].values())) * samples
     if count > MAX_RUNS:
         raise SetupError(f"{count} runs are more than {MAX_RUNS}")
+    some = {**read["fixed"], **{name: values[0] for name, values in read["grid"].items()}}
+    numbers = {name for name, x in some.items() if isinstance(x, int | float)}
+    for name, formula in read["linked"].items():
+        for unknown in sorted(formula.names - numbers - read["tolerances"].keys()):
+            raise SetupError(
+                f"{_key('linked', name)} names {unknown}, which is no number of [fixed], [grid] or [tolerances]"
+            )
     limits = {name: _limit(name, raw) for name, raw in tables["limits"].items()}
     find = {name: read_find(question, name, spec) for name, spec in tables["find"].items()}
     timeout = TIMEOUT.read(content.get("timeout"))
@@ -221,6 +239,7 @@ def _inputs(
     readers: dict[str, Callable[[Option, Any, str], Any]] = {
         "fixed": lambda option, raw, key: option.read(raw, key),
         "grid": _values,
+        "linked": _linked,
         "tolerances": _tolerance,
     }
     read: dict[str, dict[str, Any]] = {table: {} for table in readers}
@@ -247,17 +266,14 @@ def read_find(question: type[Question], name: str, spec: Any) -> Find:
     if not name.isidentifier() or not isinstance(spec, dict):
         raise SetupError(f"{key} = {quoted(spec)} must be {FIND}")
     check_keys(f"{key}: ", spec, ("over", "from", "to", "figure", "level", "which"))
-    over, level = spec.get("over"), spec.get("level")
-    if not isinstance(over, str):
-        raise SetupError(
-            f"{key}.over = {quoted(over)} must be the name of an option or a start value"
-        )
+    over = Option("over", str, default="").read(spec.get("over"), f"{key}.over")
     option = _input(question, key, over, spec)
     low, high, _ = _ends(option, spec, key)
     if not low > 0.0:
         raise SetupError(f"{key}.from = {low:g} must be above 0")
     figure = Option("figure", str).read(spec.get("figure", ""), f"{key}.figure")
     which = WHICH.read(spec.get("which", "first"), f"{key}.which")
+    level = spec.get("level")
     if not isinstance(level, str):
         level = Option("level", float).read(level, f"{key}.level")
     return Find(over, low, high, figure, level, which, option.unit)
@@ -322,6 +338,16 @@ def _values(option: Option, spec: Any, key: str) -> list[Value]:
         raise SetupError(f"{key} = [] must contain at least one value")
     _once(key, values)
     return values
+
+
+def _linked(_option: Option, spec: Any, key: str) -> Formula:
+    """The formula of an input."""
+    try:
+        return Formula.read(spec if isinstance(spec, str) else "")
+    except SetupError as error:
+        raise SetupError(
+            f"{key} = {quoted(spec)} must be a formula of other inputs: {error}"
+        ) from error
 
 
 def _once(key: str, values: Sequence[Value]) -> None:

@@ -72,11 +72,13 @@ def run(
         runner = replace(runner, page=str(page), files=[home / name for name in inputs])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once
-        outcomes = dict(
-            runner.outcomes(
-                answers, cases, study.name, journal, timeout=study.timeout, at_once=at_once
-            )
-        )
+        outcomes: dict[int, Outcome] = {}
+        for number, outcome in runner.outcomes(
+            answers, cases, study.name, journal, timeout=study.timeout, at_once=at_once
+        ):
+            if not outcomes:
+                _warn_of_first(study, outcome)
+            outcomes[number] = outcome
         session = len(cases) - before, time.perf_counter() - began
         done = [outcomes[number] for number in cases]
         try:
@@ -92,6 +94,15 @@ def run(
             f"the table is in {folder}"
         )
     return answer
+
+
+def _warn_of_first(study: Study, outcome: Outcome) -> None:
+    """Say at once why the first run that is done has no figures, or which of the file it lacks."""
+    figures = figures_of(outcome)
+    lacking = [x for x in (*study.figures, *study.limits) if x not in figures]
+    only = f"there is no {lacking[0]!r}, only {', '.join(figures)}" if lacking and figures else ""
+    if why := outcome.message or only:
+        print(f"{study.path}: the first run: {why}", file=sys.stderr)
 
 
 def _forget_short_of(timeout: float | None, journal: OutcomeJournal) -> None:
@@ -142,6 +153,8 @@ def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, 
 def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
     """The units of the varied inputs; raises SetupError for a start value that no FMU has or takes."""
     values = {**{name: [value] for name, value in study.fixed.items()}, **study.grid}
+    if study.linked:
+        values |= {name: [x] for name, x in study.cases()[0].items() if name in study.linked}
     values |= {name: ends(tolerance) for name, tolerance in study.tolerances.items()}
     start_values = {name: several for name, several in values.items() if "." in name}
     network = connect(System(fmus)) if fmus else None

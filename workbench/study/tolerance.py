@@ -85,11 +85,7 @@ def with_tolerances(
     for k, x in enumerate(answer.judgements):
         name = next((name for name, y in answer.figures.items() if y == x.figure), "")
         if x.answer is not None:
-            flags = (
-                table[JUDGED.format(k + 1)]
-                if JUDGED.format(k + 1) in table
-                else table["run"] * np.nan
-            )
+            flags = table.get(JUDGED.format(k + 1), table["run"] * np.nan)
             lines.append(share_line(x, flags.to_numpy(float)))
             if name in table and table[name].notna().any():
                 marks = [
@@ -119,4 +115,4 @@ def share_line(judgement: Judgement, flags: Any) -> str:
     yes, unknown = int((flags == 1.0).sum()), int(np.isnan(flags).sum())
     text = count_text(yes, len(flags), "machine", *interval(yes, len(flags), unknown))
     near = f"; not determined in {unknown}" if unknown else ""
-    return capital(f"{judgement.what}: yes in {text}{near}")
+    return capital(f"{judgement.claim}: yes in {text}{near}")

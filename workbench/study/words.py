@@ -22,7 +22,7 @@ from cosim.errors import pluralize
 from cosim.rounding import rounded, unit_suffix
 
 from ..answer import Table
-from ..figure import MOST_DIGITS
+from ..figure import MOST_DIGITS, Figure
 from ..judgement import share_text
 from ..options import Option
 from . import charts
@@ -142,13 +142,7 @@ def _limit(
             f"{name} = {_number(x)}{unit_suffix(table.units[name])}"
             for name, x in zip(grid, points[worst])
         )
-        ties = sum((x.high, x.above) == (one.high, one.above) for x in shares) - 1
-        often = (
-            f"as often as at {pluralize(ties, 'other point')}, and nowhere more often"
-            if ties
-            else "of all points there most often"
-        )
-        return f"{what} at {', '.join(at)}, {often}"
+        return f"{what} at {', '.join(at)}, nowhere more often"
     missing = len(table) - one.runs
     without = f"; {pluralize(missing, 'run')} without it" if missing else ""
     y = np.asarray(table.columns[one.figure], float)
@@ -178,6 +172,9 @@ def sentence(study: Study, table: Table, name: str) -> str:
     rows = np.isfinite(y)
     if table.units[name] == "1" and rows.sum() > 1 and charts.is_flag(y):
         return _yes_or_no(study, table, name, y, rows)
+    if len(y) == 1 and rows.all() and name + charts.ERROR in table.columns:
+        error = float(table.columns[name + charts.ERROR][0])
+        return f"{name} is {Figure(float(y[0]), table.units[name], error).text()} in the only run"
     return _spread(pd.Series(y, name=name), table.units[name])
 
 
@@ -195,15 +192,11 @@ def _yes_or_no(study: Study, table: Table, name: str, y: NDArray[Any], rows: Fla
         return text
     points = pd.Series(y[rows]).groupby(table.columns[x][rows]).mean()
     unit = unit_suffix(table.units[x])
-    whole = [
-        f"in {word} of those at {x} = {_range(at[0], at[-1])}{unit}"
-        for word, at in (
-            ("all", points.index[points == 1.0]),
-            ("none", points.index[points == 0.0]),
-        )
-        if len(at)
-        and list(points.index[(points.index >= at[0]) & (points.index <= at[-1])]) == list(at)
-    ]
+    whole = []
+    for word, share in (("all", 1.0), ("none", 0.0)):
+        at = [points.index[[*ends]] for ends in stretches_of((points == share).to_numpy())]
+        if len(at) == 1:
+            whole.append(f"in {word} of those at {x} = {_range(*at[0])}{unit}")
     return "; ".join([text, *whole])
 
 
@@ -214,7 +207,6 @@ def _spread(column: pd.Series[float], unit: str) -> str:
         return f"No run has {name}"
     runs = f"the {len(y)} of {len(column)} runs that have it"
     runs = f"all {len(y)} runs" if len(y) == len(column) > 1 else runs
-    runs = "the only run" if len(column) == 1 else runs
     unit = unit_suffix(unit)
     if y.min() == y.max():
         return f"{name} is {y.min():.6g}{unit} in {runs}"

@@ -122,8 +122,7 @@ class Identify(Question, RecordOptions, RippleOptions):
         """Return the resonance and the ripple, and records like this one, from rest, and with steps."""
         operating, machine = guess.defaults["speed"], guess.more
         drive_data = IdentifiedDrive(fit, machine, operating)
-        base, nu = SETS[self.set].follow(self.start), float(np.mean(fit.result[SPEED]))
-        is_induction = has_kloss_characteristic(base)
+        is_induction = has_kloss_characteristic(SETS[self.set].follow(self.start))
         records = further_records(
             fit,
             STATES,
@@ -134,9 +133,7 @@ class Identify(Question, RecordOptions, RippleOptions):
             torque={TORQUE: NOISE * self.rated_torque_or_default},
         )
         found = figures(self, context, drive_data)
-        return Followed(
-            found, lambda v: fitted_machine(base, nu, v).nu_res, records, more=drive_data
-        )
+        return Followed(found, lambda v: machine(v).nu_res, records, more=drive_data)
 
     def judgements(self, f: Mapping[str, Figure], r: Fitted) -> list[Judgement]:
         """Whether the ripple is above its limit, where the resonance is, what to record next."""
@@ -149,18 +146,6 @@ class Identify(Question, RecordOptions, RippleOptions):
             Judgement("resonance", f["nu_res"], note=side if gap.error is not None else ""),
             next_record(r.advice, f["nu_res"], "the resonance", "rad/s"),
         ]
-
-    def ripple_below_limit(self, tau2: Figure, speed: float) -> Judgement:
-        """Return whether a torque ripple is below its limit at a speed [rad/s]."""
-        at = f"{speed:.4g} rad/s ({speed * 30 / math.pi:.4g} rpm)"
-        return Judgement(
-            f"torque ripple below its limit at {at}",
-            tau2,
-            most=self.torque_ripple_limit,
-            yes=f"{at} is safe for torque",
-            no=f"Avoid {at} for its torque",
-            note=self.default_rating_note,
-        )
 
     def probe(self, context: Context, found: Findings) -> Probe:
         """The orbit of the drive found, whose ripple has the interval of the fit."""

@@ -37,12 +37,12 @@ from workbench.study.charts import curves_over
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
 from ..first_order import SETS, Machine, Samples, flux_lag
-from ..machine import KLOSS, conveyor_drive, followed, linearised, require_torque
+from ..machine import KLOSS, conveyor_drive, followed, kloss_slips, linearised, require_torque
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..orbit import Drive, DriveOrbit, RippleGuide
 from ..papers import cited
-from ..speed_sweep import LARGEST_PEAKED_ZETA, NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING
+from ..speed_sweep import LARGEST_PEAKED_ZETA, NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING, SpeedSweep
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -199,20 +199,15 @@ class Motor(NamedTuple):
     machine: Machine
 
     @property
-    def breakdown_torque(self) -> float:
-        """The breakdown torque [N.m]."""
-        return float(self.machine.more["motor.kloss.tau_b"])
-
-    @property
     def breakdown_slip_speed(self) -> float:
-        """The slip speed there [rad/s]."""
-        more = self.machine.more
-        return float(more["motor.kloss.s_b"] * more["motor.kloss.w_s"])
+        """The slip speed at the breakdown torque [rad/s]."""
+        return float(kloss_slips(self.machine, 0.0).at_breakdown)
 
     @property
     def stiff(self) -> Machine:
         """The machine with the slope without slip."""
-        return replace(self.machine, B=2 * self.breakdown_torque / self.breakdown_slip_speed)
+        tau_b, slip, _ = kloss_slips(self.machine, 0.0)
+        return replace(self.machine, B=2 * tau_b / slip)
 
     @property
     def speeds_around_resonance(self) -> Samples:
@@ -222,8 +217,8 @@ class Motor(NamedTuple):
 
     def slip(self, nu: Any) -> Any:
         """The slip at the load of nu [rad/s], in shares of the breakdown slip."""
-        load = self.machine.load_slope * nu / self.breakdown_torque
-        return load / (1 + np.sqrt(1 - load**2))
+        _, at_breakdown, under_load = kloss_slips(self.machine, nu)
+        return under_load / at_breakdown
 
     @property
     def nu_res(self) -> float:
@@ -294,11 +289,10 @@ class MotorData(NamedTuple):
 def row(motor: Motor, kloss: Figure, line: Figure) -> list[float]:
     """A motor in the table."""
     nu, machine = motor.nu_res, motor.tangent
-    errors = [math.nan if x.error is None else x.error for x in (line, kloss)]
     return [
         machine.d, machine.more["motor.kloss.s_b"], machine.load_slope * nu, motor.slip(nu),
         machine.B, machine.T, machine.zeta, nu, motor.flux_lag_speed(),
-        line.value, errors[0], kloss.value, errors[1],
+        line.value, line.known_error, kloss.value, kloss.known_error,
     ]  # fmt: skip
 
 
@@ -309,12 +303,11 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
     )
     units, columns = {"nu": "rad/s"}, {"nu": nus}
     for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        asked = [DriveOrbit.of(machine, nu, drive) for nu in nus.tolist()]
-        found = measured(drive.context, asked).columns
-        for column in ("tau2", "lag"):
-            _, error, unit, *_ = x = found[column]
-            columns |= {f"{column}_{name}": x.value, f"{column}_{name}_error": error}
-            units |= dict.fromkeys((f"{column}_{name}", f"{column}_{name}_error"), unit)
+        sweep = SpeedSweep(measured(drive.context, drive.asked(machine, nus)))
+        for x, unit in (("tau2", "N.m"), ("lag", "deg")):
+            names = f"{x}_{name}", f"{x}_{name}_error"
+            columns |= zip(names, (sweep.columns[x], sweep.columns[f"{x}_error"]))
+            units |= dict.fromkeys(names, unit)
     return Table(columns, units)
 
 

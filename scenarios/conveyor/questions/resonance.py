@@ -184,19 +184,11 @@ class Resonance(Question, NameplateOptions, RippleOptions):
 
     def judgements(self, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
         """Whether the operating speed is safe for torque, whether it is on the resonance, and which speeds are not."""
-        at = f"{r.speed:.4g} rad/s ({r.speed * 30 / math.pi:.4g} rpm)"
         left = left_out(f, r)
         has_peak = f["zeta"].value <= LARGEST_PEAKED_ZETA
         damping = Judgement("damping ratio", f["zeta"], most=LARGEST_PEAKED_ZETA)
         return [
-            Judgement(
-                f"torque ripple below its limit at {at}",
-                f["tau2_operating"],
-                most=self.torque_ripple_limit,
-                yes=f"{at} is safe for torque",
-                no=f"Avoid {at} for its torque",
-                note=self.default_rating_note,
-            ),
+            self.ripple_below_limit(f["tau2_operating"], r.speed),
             Judgement(
                 "on resonance",
                 is_wanted=False,

@@ -343,17 +343,12 @@ def ridges(plane: Plane, drive: Drive, motions: Motions) -> DataFrame:
     peaks = [top.place for (top,) in found[1::2]]
     formulas = [s.by_guide() for s in searches]
     rows = [
-        (y, lag.value, of_error(lag), formula, peak.value, of_error(peak), of_theory)
+        (y, lag.value, lag.known_error, formula, peak.value, peak.known_error, of_theory)
         for y, lag, formula, peak, of_theory in zip(
             levels, lags, formulas[::2], peaks, formulas[1::2]
         )
     ]
     return Table.of_rows(rows, dict.fromkeys([plane.y.quantity, *RIDGES], unit)).frame
-
-
-def of_error(figure: Figure) -> float:
-    """The error of a figure, nan for none."""
-    return math.nan if figure.error is None else figure.error
 
 
 def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Sample]:
@@ -421,11 +416,10 @@ def check_figures(checks: Sequence[Mapping[str, Any]], error: float) -> dict[str
         why = "no machine that is co-simulated has a steady orbit"
         reason = why if checks else "no machine is co-simulated"
         return {"misjudged": Figure.undetermined("%", reason, wrong)}
-    names = ("samples", "judged_above", "judged_below", "off_rms")
-    samples, above, below, off = np.array([[check[name] for name in names] for check in steady]).T
-    total, otherwise = int(samples.sum()), int((above + below).sum())
-    share, ends = otherwise / total, interval(otherwise, total)
-    rms = math.sqrt(np.average(off**2, weights=samples))
+    samples = [x["samples"] for x in steady]
+    otherwise = sum(x["judged_above"] + x["judged_below"] for x in steady)
+    share, ends = otherwise / sum(samples), interval(otherwise, sum(samples))
+    rms = math.sqrt(np.average([x["off_rms"] ** 2 for x in steady], weights=samples))
     worst = max(steady, key=lambda check: abs(check["brute_force"] - check["probability"]))
     brute, chance = worst["brute_force"], worst["probability"]
     reach = max(abs(end - brute) for end in worst["interval"])

@@ -179,7 +179,11 @@ class RodForce(Question, RippleOptions):
     def show(self, f: Mapping[str, Figure], r: RodForceData) -> Show:
         """Force over crank angle and over speed, both maps, and one revolution with the best spring."""
         best = list(r.machines.values())[-1]
-        pictures: list[Picture] = [over_angle(r), over_speed(r), *maps(r, self.torque_ripple_limit)]
+        pictures: list[Picture] = [
+            over_angle(r),
+            *over_speed(r),
+            *maps(r, self.torque_ripple_limit),
+        ]
         return Show(pictures, *motion.revolution(r.drive, best, r.speed))
 
 
@@ -309,24 +313,20 @@ def over_angle(r: RodForceData) -> Chart:
     return curves_over(table, "crank angle", panels, title)
 
 
-def over_speed(r: RodForceData) -> Chart:
-    """Rod force and torque ripple over the speed with either spring, and theory."""
-    first = next(iter(r.sweeps.values()))
-    columns, units = {"operating speed": first.columns["nu"]}, {"operating speed": "rad/s"}
-    panels: dict[str, dict[str, str]] = {"largest rod force": {}, "torque ripple": {}}
-    for name, machine in r.machines.items():
-        of_orbits = r.sweeps[name].motions.columns
-        force = np.array([peak(waveform(machine, r.length, nu)) for nu in first.speeds])
-        for names, figure, theory in zip(
-            panels.values(), ("f_rod_peak", "tau2"), (force, of_orbits["tau2_theory"].value)
-        ):
-            keys = f"{figure}{name}", f"{figure}_theory{name}"
-            columns |= zip(keys, (of_orbits[figure].steps[0], theory))
-            units |= dict.fromkeys(keys, of_orbits[figure].unit)
-            names |= zip(keys, (SPRINGS[name], f"theory, {SPRINGS[name]}"))
+def over_speed(r: RodForceData) -> list[Chart]:
+    """Rod force and torque ripple over the speed with each spring."""
+    panels = {
+        "largest rod force": {"f_rod_peak": "co-simulation", "f_rod_formula": "formula (17)"},
+        "torque ripple": {"tau2": "co-simulation", "tau2_theory": "first-order theory"},
+    }
     marks = [Mark(r.speed, f"operating speed {r.speed:g} rad/s"), resonance_mark(r)]
-    title = "Rod force and torque ripple over the speed"
-    return curves_over(Table(columns, units), "operating speed", panels, title, marks)
+    charts = []
+    for name, sweep in r.sweeps.items():
+        found = {x: sweep.motions.columns[x] for names in panels.values() for x in names}
+        columns = {"nu": np.array(sweep.speeds), **{x: y.steps[0] for x, y in found.items()}}
+        table = Table(columns, {"nu": "rad/s", **{x: y.unit for x, y in found.items()}})
+        charts.append(curves_over(table, "nu", panels, f"With the {SPRINGS[name]}", marks))
+    return charts
 
 
 def resonance_mark(r: RodForceData) -> Mark:
