@@ -1,8 +1,8 @@
 """Is an FMU valid? fmpy's checks, and the rules of FMI 2.0 that no public checker covers."""
 
 import math
+import re
 import tempfile
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,9 +15,6 @@ from fmpy.validation import validate_fmu
 
 from .reference import carried_rows
 
-LIBRARIES = ("so", "dll", "dylib")
-DOCUMENTS = ("index.html", "externalDependencies.txt", "licenses/license.txt")
-
 
 def problems(fmu: Path) -> list[str]:
     """All that is wrong with an FMU; empty if it is valid."""
@@ -25,8 +22,10 @@ def problems(fmu: Path) -> list[str]:
     if errors:
         return errors
     description = read_model_description(str(fmu))
-    variables = [x for variable in description.modelVariables for x in _variable(variable)]
-    return [*_files(fmu, description), *variables]
+    name = description.coSimulation.modelIdentifier
+    if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
+        return [f"modelIdentifier {name} is not a C identifier"]
+    return [x for variable in description.modelVariables for x in _variable(variable)]
 
 
 def differences_from_reference(fmu: Path) -> Iterator[str]:
@@ -87,19 +86,6 @@ def value_of(unit: FMU2Slave | FMU3Slave, variable: ScalarVariable) -> float:
     kind = number if variable.type == "Enumeration" else variable.type
     (value,) = getattr(unit, f"get{kind}")([variable.valueReference])
     return float(value)
-
-
-def _files(fmu: Path, description: ModelDescription) -> Iterator[str]:
-    with zipfile.ZipFile(fmu) as archive:
-        names = set(archive.namelist())
-    slave = description.coSimulation
-    identifier = slave.modelIdentifier
-    binaries = {name.rpartition("/")[0] for name in names if name.startswith("binaries/")}
-    for folder in sorted(binaries) or ["binaries"]:
-        if not names & {f"{folder}/{identifier}.{end}" for end in LIBRARIES}:
-            yield f"{folder} has no library {identifier}"
-    wanted = [f"documentation/{name}" for name in DOCUMENTS]
-    yield from (f"{name} is missing" for name in wanted if name not in names)
 
 
 def _variable(variable: ScalarVariable) -> Iterator[str]:
