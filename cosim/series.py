@@ -345,8 +345,8 @@ class Series:
         path = Path(path)
         series = _series(read_file(path, as_texts=True), str(path))
         cells = [
-            np.array(["" if is_empty(x) else str(x).strip() for x in series[name]])
-            for name in series.names
+            np.array(["" if is_empty(x) else str(x).strip() for x in series.load(k)])
+            for k in range(len(series.columns))
         ]
         return series.with_columns_from(cells.__getitem__)
 
