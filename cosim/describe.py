@@ -52,13 +52,11 @@ def info(network: Network) -> Iterator[str]:
             yield f"  made by {description.generationTool}"
         yield f"  for {', '.join(platforms(str(path))) or 'no platform'}; {abilities}"
         variables = description.modelVariables
-        for causality in ("input", "output"):
+        for causality in ("input", "output", "parameter"):
             for port in (Port(name, v) for v in variables if v.causality == causality):
                 note = f", {port.variable.description}" if port.variable.description else ""
-                yield f"  {causality:<7} {port}: {port.native}{note}"
-        for port in (Port(name, v) for v in variables if v.causality == "parameter"):
-            note = f", {port.variable.description}" if port.variable.description else ""
-            yield f"  parameter {port} = {port.variable.start}: {port.native}{note}"
+                start = f" = {port.variable.start}" if causality == "parameter" else ""
+                yield f"  {causality:<7} {port}{start}: {port.native}{note}"
         for terminal, members in network.fmus[name].terminals.items():
             yield f"  terminal {name}.{terminal}: {', '.join(members)}"
     for title, lines in (

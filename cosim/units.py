@@ -32,7 +32,7 @@ QUANTITIES: dict[str, tuple[dict[str, int], dict[str, float]]] = {
 
 def is_common(unit: str) -> bool:
     """Whether people and loggers mean one unit by a name."""
-    return any(unit == base or unit in scales for base, (_, scales) in QUANTITIES.items())
+    return len(multiples(unit)) > 1
 
 
 def multiples(unit: str) -> dict[str, float]:

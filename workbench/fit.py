@@ -17,7 +17,7 @@ import cosim
 from cosim import Advice, Experiment, Identified, Series, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.system import Value, connect
-from cosim.units import in_unit, multiples
+from cosim.units import in_unit, multiples, read_quantity
 
 from .answer import Findings, Table
 from .charts.model import Chart, Curve, Mark, Panel
@@ -34,9 +34,6 @@ SAME = 0.05
 FIT_ERROR_SCOPE = (
     "The error is the 95 % interval of the fit: the noise of the record and the deviations given with --known are "
     "in it. Values that were taken as exact, and what the model leaves out, are not in it."
-)
-PRIOR = re.compile(
-    r"(?P<name>[^=\s]+)\s*=\s*(?P<value>[^\s±+%]+(?:e[+-]?\d+)?)\s*(?:±|\+-)\s*(?P<off>[^\s%]+)\s*(?P<share>%)?"
 )
 
 
@@ -209,11 +206,6 @@ class RecordOptions(Options):
             )
         return w, turned
 
-    @property
-    def priors(self) -> dict[str, tuple[float, float]]:
-        """What is known, by name: values and standard deviations."""
-        return dict(map(prior, self.known))
-
     def identify(
         self, system: System, data: Mapping[str, Series], free: Sequence[str], **settings: Any
     ) -> Identified:
@@ -222,7 +214,7 @@ class RecordOptions(Options):
             system,
             data,
             free=list(dict.fromkeys([*free, *self.free])),
-            prior=self.priors,
+            prior=dict(prior(system, text) for text in self.known),
             noise=dict(noise(system, text) for text in self.noise),
             outliers=self.outliers / 100,
             starts=self.starts,
@@ -240,18 +232,22 @@ def noise(system: System, text: str) -> tuple[str, float]:
     return name, number
 
 
-def prior(text: str) -> tuple[str, tuple[float, float]]:
-    """Name, value and standard deviation of a text such as "conveyor.trough.m=200+-5"."""
-    match = PRIOR.fullmatch(text.strip())
-    try:
-        value, deviation = (
-            (float(match[part]) for part in ("value", "off")) if match else (0.0, 0.0)
-        )
-    except ValueError:
-        match = None
-    if match is None:
-        raise SetupError(f"known {text!r} must read NAME=VALUE+-DEVIATION, or +- a share in %")
-    return match["name"], (value, abs(value) * deviation / 100 if match["share"] else deviation)
+def prior(system: System, text: str) -> tuple[str, tuple[float, float]]:
+    """Name, value and standard deviation of "conveyor.trough.m=200+-5", or "0.2t+-5kg", in the unit of the variable."""
+    from cosim.identification.parameters import SENSOR, is_sensor_parameter  # with SciPy
+
+    name, _, known = (part.strip() for part in text.partition("="))
+    value, _, off = known.replace("±", "+-").partition("+-")
+    kind = name.partition("(")[0] if is_sensor_parameter(name) else ""
+    unit = SENSOR[kind][1] if kind else connect(system).port(name).unit
+    mean, sigma = in_unit(value, unit), in_unit(off, unit)
+    if (share := read_quantity(off)) and share.unit == "%":
+        sigma = abs(mean) * share.number / 100
+    if math.isnan(mean + sigma):
+        units = " or ".join(multiples(unit))
+        form = f"NAME=VALUE+-DEVIATION, in {units}, or +- a share in %"
+        raise SetupError(f"known {text!r} must read {form}")
+    return name, (mean, sigma)
 
 
 def figure_of(interval: Any, meaning: str = "") -> Figure:

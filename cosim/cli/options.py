@@ -74,15 +74,14 @@ def parse_whole(least: int, text: str) -> int:
 
 def parse_time(text: str) -> float:
     """A time [s], which may be written with a unit: "1ms", "2 min". Raises ArgumentTypeError for others."""
-    quantity = read_quantity(text)
-    if quantity is None or not quantity.unit:
-        return parse_number(text)
-    if math.isnan(time := in_unit(text, "s")):
+    if not math.isnan(time := in_unit(text, "s")):
+        return time
+    if (quantity := read_quantity(text)) and quantity.unit:
         choices = ", ".join(multiples("s"))
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a time: its unit must be one of {choices}"
         )
-    return time
+    return parse_number(text)
 
 
 class StartAction(argparse.Action):
@@ -198,15 +197,10 @@ def exit_code(action: Callable[[], int]) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 141
-    except SetupError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except RunError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except OSError as error:
-        print(f"error: {reason_of(error)}", file=sys.stderr)
-        return 1
+    except (SetupError, RunError, OSError) as error:
+        reason = reason_of(error) if isinstance(error, OSError) else error
+        print(f"error: {reason}", file=sys.stderr)
+        return 2 if isinstance(error, SetupError) else 1
     except KeyboardInterrupt as interrupt:
         rows = f"; what was computed is kept: {interrupt}" if interrupt.args else ""
         print(f"interrupted{rows}", file=sys.stderr)
@@ -223,10 +217,9 @@ def open_standard_files() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
-    if sys.stdout is None:
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w")  # noqa: SIM115, PTH123
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115, PTH123
 
 
 def reason_of(error: OSError) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from cosim import SetupError, System
 from examples import logger, measured_conveyor, measured_iron
 from scenarios.conveyor.first_order import FIELDS, Machine
 from scenarios.conveyor.questions import identify
@@ -108,8 +109,15 @@ def test_a_record_of_another_machine_is_refused(tmp_path: Path) -> None:
 
 
 def test_priors_are_read_in_percent_too() -> None:
-    assert prior("conveyor.trough.m = 200 ± 5") == ("conveyor.trough.m", (200.0, 5.0))
-    assert prior("conveyor.spring.c=7.2e5+-2%") == ("conveyor.spring.c", (7.2e5, 14400.0))
+    """And in units; those of a sensor have its own."""
+    system = System({"conveyor": ROOT / "fmus" / "CrankConveyor.fmu"})
+    for text in ("conveyor.trough.m = 200 ± 5", "conveyor.trough.m=0.2t+-5kg"):
+        assert prior(system, text) == ("conveyor.trough.m", (200.0, 5.0))
+    for text in ("conveyor.spring.c=7.2e5+-2%", "conveyor.spring.c=720kN/m+-14.4N/mm"):
+        assert prior(system, text) == ("conveyor.spring.c", (7.2e5, 14400.0))
+    assert prior(system, "delay(conveyor.w)=5ms+-1ms") == ("delay(conveyor.w)", (0.005, 0.001))
+    with pytest.raises(SetupError, match=r"must read .*, in kg or g or t,"):
+        prior(system, "conveyor.trough.m=200m+-5m")
 
 
 @pytest.mark.slow

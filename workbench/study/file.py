@@ -256,8 +256,7 @@ def _inputs(
 def _stated_unit(spec: object) -> str:
     """The unit in which a range or a nominal value is given; "" where it states none."""
     given = [spec.get(key) for key in ("from", "to", "nominal")] if isinstance(spec, dict) else []
-    written = filter(None, map(read_quantity, given))
-    return next((quantity.unit for quantity in written if quantity.unit), "")
+    return next((stated.unit for stated in map(read_quantity, given) if stated and stated.unit), "")
 
 
 def read_find(question: type[Question], name: str, spec: Any) -> Find:

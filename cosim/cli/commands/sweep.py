@@ -29,7 +29,7 @@ from ...metrics import (
 from ...result import growth_start, write_table
 from ...result import partial as partial_file
 from ...series import Series
-from ...system import Network, Value
+from ...system import Network, Port, Value
 from ...system.start_values import checked_start, value_of_text
 from ...threads import available_cores
 from ..options import Parser, assignment, parse_time
@@ -187,15 +187,12 @@ def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
     span = SPAN.fullmatch(content)
     if span is not None and int(span["n"]) > 1:
         _require_few_runs(int(span["n"]))
-        low, high = (_number(network, name, span[key]) for key in ("low", "high"))
+        low, high = (_number(network, port, span[key]) for key in ("low", "high"))
         values: list[Value] = np.linspace(low, high, int(span["n"])).tolist()
     elif ":" in content and port.type not in ("String", "Enumeration"):
         raise SetupError(f"{text!r} must read NAME=from:to:n with n of at least 2, or NAME=a,b,c")
     else:
-        values = [
-            value_of_text(network, network.port(name), piece.strip())
-            for piece in content.split(",")
-        ]
+        values = [value_of_text(network, port, piece.strip()) for piece in content.split(",")]
     return port.name, [checked_start(network, port, value)[1] for value in values]
 
 
@@ -206,7 +203,7 @@ def _bounds(text: str, network: Network) -> tuple[str, tuple[float, float]]:
     low, dots, high = content.partition("..")
     if not dots:
         raise SetupError(f"{text!r} must read NAME=a..b")
-    bounds = _number(network, name, low), _number(network, name, high)
+    bounds = _number(network, port, low), _number(network, port, high)
     if not bounds[0] < bounds[1]:
         raise SetupError(f"{text!r}: the first value must be below the second")
     if port.type != "Real":
@@ -216,11 +213,11 @@ def _bounds(text: str, network: Network) -> tuple[str, tuple[float, float]]:
     return port.name, bounds
 
 
-def _number(network: Network, name: str, text: str) -> float:
+def _number(network: Network, port: Port, text: str) -> float:
     """A number, with a unit if needed; raises SetupError."""
-    value = value_of_text(network, network.port(name), text.strip())
+    value = value_of_text(network, port, text.strip())
     if isinstance(value, str | bool):
-        raise SetupError(f"{name} = {text.strip()!r} must be a number")
+        raise SetupError(f"{port.name} = {text.strip()!r} must be a number")
     return float(value)
 
 

@@ -96,7 +96,7 @@ class IronIdentify(Question, RecordOptions):
     def guess(self, context: Context) -> Guess:
         """Return the drive near the motion of the record."""
         record = self.columns(SPEED)
-        if not self.priors.keys() & {*LOADS}:
+        if not {text.partition("=")[0].strip() for text in self.known} & {*LOADS}:
             raise SetupError(
                 f"{self.data}: the record shows only (1 + K) m and (1 + K) c; give what is known, as in "
                 "--known iron.iron.m=4+-1%"
