@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .dense import MOST_POINTS, Curves
 from .engine.energy import balance
-from .engine.snapshot import Case
+from .engine.snapshot import Case, SystemState
 from .errors import SetupError
 from .metrics import Metric
 from .names import only
@@ -31,11 +31,15 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Cases:
-    """The start values in which the members of an ensemble differ: a column of values for each port, shape (members,)."""
+    """The start values in which the members of an ensemble differ: a column of values for each port, shape (members,).
+
+    Without any, all may `begin` with a state.
+    """
 
     ports: tuple[Port, ...]
     columns: tuple[NDArray[Any], ...]
     members: int
+    begin: SystemState | None = None
 
     @classmethod
     def of(cls, cases: Any, network: Network) -> Cases:
@@ -53,7 +57,7 @@ class Cases:
         if not hasattr(cases, "keys"):
             raise SetupError(
                 f"cases must be columns of start values by name, {{'motor.T': [0.04, 0.05]}}, or a number of runs, not a "
-                f"{type(cases).__name__}; a run that begins with a state is one by itself: write run(Case(begin=state))"
+                f"{type(cases).__name__}; runs that begin with a state are so many: write map(2, begin=state, steps=[1e-3, 5e-4])"
             )
         ports = tuple(network.port(str(name)) for name in cases)
         columns = tuple(np.asarray(cases[name]) for name in cases)
@@ -74,7 +78,7 @@ class Cases:
         """The start values of a member."""
         values = (column[k] for column in self.columns)
         plain = (value.item() if isinstance(value, np.generic) else value for value in values)
-        return Case(dict(zip(self.names, plain)))
+        return Case(dict(zip(self.names, plain)), self.begin)
 
     def checked(
         self, network: Network, members: Sequence[int]

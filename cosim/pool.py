@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .child import GRACE, Child, Death, death, progress_sender
 from .engine.settings import RunSettings
 from .engine.setup import Setup
+from .engine.snapshot import SystemState
 from .ensemble import NO_CASES, Cases, Ensemble, Member
 from .errors import SetupError
 from .fmu.messages import log
@@ -33,10 +34,11 @@ CLOSED, BETWEEN = "when it closed them", "between two runs"
 
 
 class Task(NamedTuple):
-    """What a process does with each chunk, and the columns of the cases by name."""
+    """What a process does with each chunk, the columns of the cases by name or their number, and how they begin."""
 
     evaluate: Evaluate
-    columns: dict[str, NDArray[Any]]
+    cases: dict[str, NDArray[Any]] | int
+    begin: SystemState | None
 
 
 @dataclass
@@ -149,7 +151,7 @@ def _start(batch: Batch) -> Job:
     member = RawValue(ctypes.c_longlong, NOBODY)
     columns = dict(zip(batch.cases.names, batch.cases.columns))
     try:
-        task = Task(batch.evaluate, columns)
+        task = Task(batch.evaluate, columns or batch.cases.members, batch.cases.begin)
         child = Child(_serve, member, batch.setup.network.system, batch.setup.settings, task)
     except (PicklingError, AttributeError, TypeError) as error:
         raise SetupError(
@@ -184,7 +186,7 @@ def _serve(
     with suppress(BrokenPipeError, EOFError, ConnectionResetError):
         try:
             setup = Setup(connect(system), settings)
-            cases = Cases.of(task.columns, setup.network)
+            cases = replace(Cases.of(task.cases, setup.network), begin=task.begin)
             worker = Worker(setup, member)
             pipe.send(("ready", None))
             while (chunk := pipe.recv()) is not None:

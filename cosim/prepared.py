@@ -6,7 +6,7 @@ import math
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -191,6 +191,7 @@ class Prepared:
         self,
         cases: Any,
         *,
+        begin: SystemState | None = None,
         jobs: int = 1,
         steps: Sequence[float | Adaptive] | None = None,
         stops: Sequence[float] | None = None,
@@ -205,7 +206,9 @@ class Prepared:
         ----------
         cases : mapping, pandas frame, Cases or int
             Columns of start values by name, a row for each member; or how many members there are, if only their
-            steps differ. No member begins with a state: `run` does that.
+            steps differ.
+        begin : SystemState, optional
+            The state that `run_until` has handed out, with which all members begin, in place of start values.
         jobs : int
             Threads if FMUs of fmukit are all that runs, else processes, in which a crash costs one member.
         steps : sequence of float or Adaptive, optional
@@ -219,11 +222,12 @@ class Prepared:
         Raises
         ------
         SetupError
-            For cases that are no columns of start values, for steps without common rows, and for `jobs` below 1.
+            For cases that are no columns of start values, for steps without common rows, for a state with which they
+            cannot begin, and for `jobs` below 1.
         Interrupted
             With the members that are done, after Ctrl-C.
         """
-        read = Cases.of(cases, self.network)
+        read = replace(Cases.of(cases, self.network), begin=begin)
         blocks = list(self.blocks(read, How(jobs, steps=steps, stops=stops, progress=progress)))
         done = sum(map(len, blocks))
         if done < read.members:
@@ -282,6 +286,8 @@ class Prepared:
                 raise SetupError(f"there are {len(values)} {name} for {n} cases")
         spans = [StepAndStop(*pair) for pair in zip(steps, stops)]
         keys = [repr(span) for span in spans]
+        for span in dict(zip(keys, spans)).values() if cases.begin is not None else ():
+            self.setup.with_span(*span, settings.output_step).require_begin_of_many(cases.case(0))
         rows = {key: self._group_key(span) for key, span in dict(zip(keys, spans)).items()}
         groups: dict[tuple[int, str], list[int]] = {}
         for k in range(n) if how.numbers is None else how.numbers.tolist():

@@ -15,6 +15,7 @@ from .engine.energy import NOTICEABLE, energies, is_noticeable
 from .engine.process_guard import ProcessGuard
 from .engine.settings import StepAndStop
 from .engine.setup import Setup
+from .engine.snapshot import Case, SystemState
 from .engine.system_instance import SystemInstance
 from .ensemble import Array, Cases, Ensemble, Facts, Member, Numbers
 from .errors import SetupError
@@ -103,6 +104,7 @@ class Worker:
         self._instance = SystemInstance(setup)
         self._deadline = 0.0
         self._names: list[str] = []
+        self._state: SystemState | None = None
         self._shown: dict[str, list[tuple[str, str]]] = {}
         self._begins: Setup | None = None
         self._varies_inputs = False
@@ -123,8 +125,9 @@ class Worker:
         `progress` is called with how many are done.
         """
         self._deadline = clock.monotonic() + LONGEST_BLOCK
-        if self._names != cases.names:
+        if self._names != cases.names or self._state is not cases.begin:
             self._names, self._begins, self._known, self._shown = cases.names, None, {}, {}
+            self._state = cases.begin
             self._varies_inputs = any(p.name in self._names for p, _ in self.setup.network.inputs)
         self._instance.process = process = ProcessGuard()
         values, wrong = cases.checked(self.setup.network, chunk.numbers.tolist())
@@ -162,10 +165,11 @@ class Worker:
         self._member.value = number
         try:
             if self._begins is None or self._varies_inputs:
-                self._begins = self.setup.with_case(cases.case(number))
+                case = cases.case(number)
+                self._begins = self.setup if case.begin else self.setup.with_case(case)
                 self._known = {}
             alike = self._alike(self._begins, chunk.spans[k], chunk.output_step)
-            instance.begin(alike.setup, case=dict(zip(self._names, values)))
+            instance.begin(alike.setup, self._state, dict(zip(self._names, values)))
         except SetupError as error:
             self.abandoned = instance.is_abandoned
             return Member(number, self._no_rows, str(error))
@@ -186,12 +190,13 @@ class Worker:
 
     def _alike(self, setup: Setup, span: StepAndStop, output_step: float | None) -> Alike:
         """What is known of members with such fixed steps; of one with others, nothing."""
-        key = span, output_step
-        if isinstance(span.step, Adaptive):
-            return Alike(setup.with_span(*span, output_step))
-        if key not in self._known:
-            self._known[key] = Alike(setup.with_span(*span, output_step))
-        return self._known[key]
+        key, is_fixed = (span, output_step), not isinstance(span.step, Adaptive)
+        if is_fixed and key in self._known:
+            return self._known[key]
+        alike = Alike(setup.with_span(*span, output_step).with_case(Case(begin=self._state)))
+        if is_fixed:
+            self._known[key] = alike
+        return alike
 
     def _facts(self, alike: Alike, simulation: Simulation) -> Facts:
         """What a run says of itself, shared with the one before it that is alike if it says the same."""

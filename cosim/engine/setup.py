@@ -134,6 +134,16 @@ class Setup:
         system = self.network.system
         return replace(self, network=connect(replace(system, start={**system.start, **case.start})))
 
+    def require_begin_of_many(self, case: Case) -> None:
+        """Raise SetupError for a state with which several runs cannot begin."""
+        self.with_case(case)
+        for name, part in case.begin.parts.items() if case.begin is not None else ():
+            if isinstance(part.fmu, LiveState):
+                raise SetupError(
+                    f"{name}: its FMU does not have canSerializeFMUstate, so that its state can begin one run: "
+                    "write run(Case(begin=state))"
+                )
+
     def problems(self) -> Iterator[str]:
         """The reasons why the system cannot be run with these settings, a sentence each."""
         yield from self._wrong_settings()

@@ -24,6 +24,8 @@ from cosim import (
     SimulationError,
     System,
 )
+from cosim.ensemble import Cases, joined
+from cosim.prepared import How
 from tests.cosim import foreign, third
 from tests.cosim.test_members import WIRES, H, drive, pairwise
 
@@ -352,3 +354,50 @@ def test_steps_are_counted_from_where_the_state_is(fmus: Path) -> None:
     assert rest["conveyor.w"][0] == first["conveyor.w"][-1]
     assert rest["conveyor.w"][-1] == pytest.approx(whole["conveyor.w"][-1], rel=1e-4)
     assert rest.provenance["start"] == 0.02
+
+
+@pytest.mark.parametrize("flavour", ["native", "", "crash apart"])
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_members_that_begin_with_a_state_are_single_runs(
+    flavour: str, jobs: int, fmus: Path
+) -> None:
+    """With other steps and stops, in this process, in threads and in processes of their own."""
+    settings = RunSettings(stop=0.05, step=H, record=["motor.tau", "conveyor.w"])
+    folder = fmus / "native" if flavour else fmus
+    steps, stops = [H, H / 2, Adaptive(1e-3), H], [0.05, 0.04, 0.05, 0.045]
+    with Prepared.open(of_kind(folder, "change"), settings) as prepared:
+        state = prepared.run_until(0.02).state
+        if flavour == "crash apart":
+            how = How(jobs, isolated=True, steps=steps, stops=stops)
+            cases = replace(Cases.of(len(steps), prepared.network), begin=state)
+            ensemble = joined(list(prepared.blocks(cases, how)))
+        else:
+            ensemble = prepared.map(len(steps), begin=state, jobs=jobs, steps=steps, stops=stops)
+        again = prepared.map(2, jobs=jobs)
+        setup = prepared.setup
+    assert not any([*ensemble.reasons, *again.reasons])
+    for k, (step, stop) in enumerate(zip(steps, stops)):
+        own = replace(settings, step=step, stop=stop)
+        with Prepared.open(setup.network.system, own) as prepared:
+            single = prepared.run(Case(begin=state))
+        assert_array_equal(ensemble.result(k).data, single.data)
+        assert ensemble.result(k).provenance["begin"] == single.provenance["begin"]
+    assert again.result(0)["time"][0] == 0.0
+
+
+def test_what_cannot_begin_many_runs_is_refused_before_the_first(
+    fmus: Path, tmp_path: Path
+) -> None:
+    with Prepared.open(
+        of_kind(fmus / "native", "pair"), RunSettings(stop=0.05, step=H)
+    ) as prepared:
+        state = prepared.run_until(0.02).state
+        text = refused(lambda: prepared.map({"motor.A": [7e3, 8e3]}, begin=state))
+        assert "leave out start (motor.A)" in text
+        text = refused(lambda: prepared.map(2, begin=state, steps=[H, 0.7 * H]))
+        assert "no step of" in text
+    lives = two_decays(tmp_path, 1.0)
+    with Prepared.open(System(lives), RunSettings(stop=1.0, step=0.1)) as prepared:
+        state = prepared.run_until(0.5).state
+        text = refused(lambda: prepared.map(2, begin=state))
+        assert "its state can begin one run" in text
