@@ -57,7 +57,7 @@ class Cases:
         if not hasattr(cases, "keys"):
             raise SetupError(
                 f"cases must be columns of start values by name, {{'motor.T': [0.04, 0.05]}}, or a number of runs, not a "
-                f"{type(cases).__name__}; runs that begin with a state are so many: write map(2, begin=state, steps=[1e-3, 5e-4])"
+                f"{type(cases).__name__}; a run that begins with a state is one by itself: write run(Case(begin=state)), or so many: write map(2, begin=state)"
             )
         ports = tuple(network.port(str(name)) for name in cases)
         columns = tuple(np.asarray(cases[name]) for name in cases)
@@ -212,8 +212,7 @@ class Ensemble:
     @property
     def failed(self) -> Numbers:
         """The numbers of the members that did not come to their end."""
-        wrong = [bool(reason) for reason in self.reasons]
-        return np.asarray(self.members[np.array(wrong, dtype=bool)])
+        return np.array([run.number for run in self.runs if run.reason], np.int64)
 
     def __contains__(self, name: object) -> bool:
         return name in self.names

@@ -16,7 +16,7 @@ from .engine.control import Adaptive
 from .engine.process_guard import ProcessGuard
 from .engine.settings import RunSettings, StepAndStop
 from .engine.setup import Setup
-from .engine.snapshot import Case, LiveState, SystemState
+from .engine.snapshot import Case, SystemState
 from .engine.system_instance import SystemInstance, is_reset_trusted
 from .ensemble import Cases, Ensemble, Numbers, joined
 from .errors import FmuError, SetupError, pluralize
@@ -170,7 +170,7 @@ class Prepared:
                     state = simulation.state(self.network.system.start)
                 except FmuError as error:
                     raise SimulationError(str(error), result) from error
-                if any(isinstance(part.fmu, LiveState) for part in state.parts.values()):
+                if state.live:
                     self._stack.push(instance.detach())
         if ran["status"] == "complete":
             return result, state

@@ -100,7 +100,7 @@ class Simulation:
             march.t, start, stop_told, None if isinstance(step, Adaptive) else step,
             dict(instance.setup.network.system.start), dict(system_start), self.setup["tolerance"],
             inputs_before(instance.setup.network, march.t), march.broken_until,
-            {name: part_state(part) for name, part in instance.parts.items()}, march.memory,
+            {name: part_state(part) for name, part in instance.parts.items()}, march.controller.memory,
         )  # fmt: skip
 
     def _drive(

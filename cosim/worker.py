@@ -17,7 +17,7 @@ from .engine.settings import StepAndStop
 from .engine.setup import Setup
 from .engine.snapshot import Case, SystemState
 from .engine.system_instance import SystemInstance
-from .ensemble import Array, Cases, Ensemble, Facts, Member, Numbers
+from .ensemble import Cases, Ensemble, Facts, Member, Numbers
 from .errors import SetupError
 from .simulation import Simulation, run_setup
 from .system import Value
@@ -106,6 +106,7 @@ class Worker:
         self._names: list[str] = []
         self._state: SystemState | None = None
         self._shown: dict[str, list[tuple[str, str]]] = {}
+        self._no_rows = np.empty((0, len(self.columns)))
         self._begins: Setup | None = None
         self._varies_inputs = False
         self._known: dict[tuple[StepAndStop, float | None], Alike] = {}
@@ -152,10 +153,6 @@ class Worker:
     def is_late(self) -> bool:
         """Whether it has worked so long that it gives what is done."""
         return clock.monotonic() > self._deadline
-
-    @property
-    def _no_rows(self) -> Array:
-        return np.empty((0, len(self.columns)))
 
     def _run(self, cases: Cases, chunk: Chunk, k: int, values: tuple[Value, ...]) -> Member:
         """Run the member at position k of a chunk, with these values of the cases."""

@@ -97,16 +97,6 @@ class NestedRuns:
         return any(bool((r.breaks[:, 1] > r.breaks[:, 0]).any()) for r in self.results)
 
 
-@dataclass(frozen=True)
-class ComparedSteps:
-    """The steps of three runs and of the witness, if there is one, as `NestedRuns` has them."""
-
-    steps: Sequence[float | Mesh]
-    witness: Mesh | None = None
-    tells_events: bool = True
-    confirms: bool = True
-
-
 def may_have_events(description: ModelDescription) -> bool:
     """Whether an FMU may change at once without telling: with event indicators, with values that change at events, and
     where it offers no model exchange, which would name them.
@@ -121,18 +111,22 @@ def may_have_events(description: ModelDescription) -> bool:
     )
 
 
-def compared_steps(system: System, step: float, halvings: int = 0) -> ComparedSteps:
-    """With which steps a system is run for the sake of one [s], which has been halved so often."""
+def tells_events(descriptions: Mapping[str, ModelDescription]) -> bool:
+    """Whether no part may change at once without telling."""
+    return not any(map(may_have_events, descriptions.values()))
+
+
+def compared_steps(
+    descriptions: Mapping[str, ModelDescription], step: float, halvings: int = 0
+) -> tuple[Sequence[float | Mesh], Mesh | None]:
+    """With which steps parts are run for the sake of one [s], which has been halved so often, and those of a witness."""
     plain = [step * STEP_RATIO**k for k in range(RUNS)]
-    descriptions = connect(system).descriptions if system.parts else {}
-    tells = not any(map(may_have_events, descriptions.values()))
     if not descriptions or parts_without(descriptions, VARIABLE_STEP):
-        return ComparedSteps(plain, None, tells)
-    if not tells:
-        return ComparedSteps(plain, graded_steps(step / GOLDEN), tells)
+        return plain, None
+    if not tells_events(descriptions):
+        return plain, graded_steps(step / GOLDEN)
     first = graded_steps(step * STEP_RATIO**halvings)
-    steps = [replace(first, every=STEP_RATIO ** (k - halvings)) for k in range(RUNS)]
-    return ComparedSteps(steps, None, tells, confirms=False)
+    return [replace(first, every=STEP_RATIO ** (k - halvings)) for k in range(RUNS)], None
 
 
 def graded_steps(step: float) -> Mesh:
@@ -140,18 +134,15 @@ def graded_steps(step: float) -> Mesh:
     return Mesh(first=step * FIRST_STEP, longest=step, growth=GROWTH)
 
 
-def steps_along(result: Result, step: Adaptive) -> ComparedSteps:
+def steps_along(result: Result, step: Adaptive) -> list[Mesh]:
     """Steps along those that a run with this control has taken, one and two at a time, and by another ratio.
 
     Step doubling takes each of its steps in two halves, which are those that it goes on with.
     """
     own = 0.5 if result.provenance.get("control") == "doubling" else 1.0
     along = tuple(np.unique(result["time"]).tolist())
-    whole, two, other = (
-        Mesh(step.tolerance, along=along, ratio=own * times)
-        for times in (STEP_RATIO, STEP_RATIO**2, 1.0 / GOLDEN)
-    )
-    return ComparedSteps([whole, two], other)
+    ratios = (STEP_RATIO, STEP_RATIO**2, 1.0 / GOLDEN)
+    return [Mesh(step.tolerance, along=along, ratio=own * times) for times in ratios]
 
 
 @contextmanager
@@ -220,6 +211,7 @@ class _Nested:
         all_rows: Path,
     ) -> None:
         self.system, self.runner, self.settings = system, runner, settings
+        self.descriptions = connect(system).descriptions if system.parts else {}
         self.report = settings.pop("progress", None) or (lambda _: None)
         csv = settings.pop("csv", None)
         self.of_finest: dict[str, Any] = {} if csv is None else {"csv": csv}
@@ -244,14 +236,14 @@ class _Nested:
 
     def fixed(self, step: float, known: Mapping[int, Result], halvings: int) -> NestedRuns:
         """The runs for a step [s]."""
-        plan = compared_steps(self.system, step, halvings)
+        steps, beside = compared_steps(self.descriptions, step, halvings)
         span = self.settings.get("stop", math.inf) - self.settings.get("start", 0.0)
         results: list[Result] = []
         lost = ""
         costs = [STEP_RATIO**-k for k in range(RUNS)]
         self.all = sum(c for k, c in enumerate(costs) if k not in known)
-        self.all += GOLDEN * (plan.witness is not None)
-        for k, each in enumerate(plan.steps):
+        self.all += GOLDEN * (beside is not None)
+        for k, each in enumerate(steps):
             if k in known:
                 results.append(known[k])
                 continue
@@ -271,32 +263,28 @@ class _Nested:
                 results.pop()
                 break
         witness = None
-        if plan.witness is not None:
+        if beside is not None:
             try:
-                witness = self.run(plan.witness, GOLDEN)
+                witness = self.run(beside, GOLDEN)
             except SimulationError as error:
                 lost, results = LOST.format("other steps", error), results[:1]
         return NestedRuns(
-            results, results[0], STEP_RATIO, plan.steps[0], lost, witness, plan.tells_events,
-            plan.confirms,
+            results, results[0], STEP_RATIO, steps[0], lost, witness, tells_events(self.descriptions),
+            confirms=not isinstance(steps[0], Mesh),
         )  # fmt: skip
 
     def along(self, step: Adaptive) -> NestedRuns:
         """The runs for a tolerance."""
         self.all = 2.5
         finest = self.finest = self.run(step, 1.0, **self.of_finest)
-        descriptions = connect(self.system).descriptions if self.system.parts else {}
-        tells = not any(map(may_have_events, descriptions.values()))
-        plan = steps_along(finest, step)
-        results, lost, witness = [finest], "", None
         try:
-            results += [self.run(each, 0.5 / (k + 1)) for k, each in enumerate(plan.steps)]
-            witness = self.run(plan.witness or step, 1.0)
+            costs = zip(steps_along(finest, step), (0.5, 0.25, 1.0))
+            *others, witness = [self.run(each, cost) for each, cost in costs]
+            found = NestedRuns([finest, *others], finest, witness=witness)
         except SimulationError as error:
-            results, lost = [finest], LOST.format("longer steps", error)
-        return NestedRuns(
-            results, finest, STEP_RATIO, step, lost, witness, tells, confirms=False, follows=True
-        )
+            found = NestedRuns([finest], finest, lost=LOST.format("longer steps", error))
+        tells = tells_events(self.descriptions)
+        return replace(found, step=step, tells_events=tells, confirms=False, follows=True)
 
 
 def is_unstable(result: Result, finer: Result) -> bool:

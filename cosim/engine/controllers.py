@@ -5,7 +5,7 @@ from __future__ import annotations
 import time as clock
 from array import array
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import accumulate
 
 from ..errors import EventReached, FmuError, NonFiniteValueError, StepDiscarded
@@ -77,6 +77,8 @@ class Fixed:
         After how many steps there is a row.
     loop
         How the steps are taken.
+    breaks
+        The intervals, begin and end [s], in which columns may jump since inputs do inside steps.
     """
 
     memory, rejected = None, 0
@@ -92,7 +94,7 @@ class Fixed:
         compiles: bool,
     ) -> None:
         """Go on up to the first step that ends from `until` [s] on, in C if that `compiles`."""
-        self._instance, self._advance, self._jumps = instance, jumps.advance, jumps.known
+        self._instance, self._advance = instance, jumps.advance
         self._stop, step = settings.stop, settings.step
         self.control = "fixed"
         if isinstance(step, Mesh):
@@ -104,7 +106,8 @@ class Fixed:
         self.stretches[-1] = self.stretches[-1]._replace(stop=settings.stop)
         numbers = [0, *accumulate(steps.number for steps in self.stretches)]
         self._firsts, self.count = numbers[:-1], numbers[-1]
-        self._split = sorted({*self._interrupted(), *self._firsts[1:], self.count})
+        self.breaks, interrupted = self._meet(jumps.known)
+        self._split = sorted({*interrupted, *self._firsts[1:], self.count})
         self.t, self.accepted, self.discarded, self.every = jumps.begin, 0, 0, every
         if instance.state is not None:
             self.accepted = settings.steps_until(self.t) or 0
@@ -169,21 +172,23 @@ class Fixed:
             instance.chunk = min(2 * instance.chunk, MOST_ROWS * self.every)
         return rows
 
-    def breaks(self) -> list[tuple[float, float]]:
-        """The breaks that jumps of inputs inside steps make.
+    def _meet(self, jumps: Sequence[Jump]) -> tuple[list[tuple[float, float]], list[int]]:
+        """The breaks that jumps of inputs inside steps make, and the numbers of the steps that other jumps interrupt.
 
-        Such a step gets the mean, and what outputs show at its end is made of that: it and the next one are a break.
+        A step with such a jump gets the mean, and what outputs show at its end is made of that: it and the next one are a
+        break. Others have a jump at their beginning, or a change inside.
         """
         breaks: list[tuple[float, float]] = []
-        for n, jump in self._numbered_jumps():
+        interrupted = []
+        for jump in jumps:
+            # beyond the stop, another run may go on with a break
+            n = min(self._number_at(jump.time), self.count - 1)
             broken = self._begin_of(n), self._begin_of(n + 2)
-            if not self._is_seen(n, jump) and broken not in breaks[-1:]:
+            if jump.changes or coincide(broken[0], jump.time):
+                interrupted.append(n)
+            elif broken not in breaks[-1:]:
                 breaks.append(broken)
-        return breaks
-
-    def _interrupted(self) -> list[int]:
-        """The numbers of the steps at whose beginning a jump occurs, or inside which a change does."""
-        return [n for n, jump in self._numbered_jumps() if self._is_seen(n, jump)]
+        return breaks, interrupted
 
     def _stretch_of(self, n: int) -> tuple[int, EqualSteps]:
         """The first step of the stretch that step number n is in, and that stretch."""
@@ -204,13 +209,6 @@ class Fixed:
         k = max(0, bisect_right([steps.begin for steps in self.stretches], time) - 1)
         n = self._firsts[k] + int((time - self.stretches[k].begin) / self.stretches[k].size)
         return n + 1 if coincide(self._begin_of(n + 1), time) else n
-
-    def _numbered_jumps(self) -> Iterator[tuple[int, Jump]]:
-        # beyond the stop, another run may go on with a break
-        return ((min(self._number_at(jump.time), self.count - 1), jump) for jump in self._jumps)
-
-    def _is_seen(self, n: int, jump: Jump) -> bool:
-        return bool(jump.changes) or coincide(self._begin_of(n), jump.time)
 
     def _come_back(self, failure: FmuError) -> None:
         """After a discarded step, come back to before it, from now on ready to step less; raises any other failure."""

@@ -14,11 +14,7 @@ from .jumps import KnownJumps
 from .output import IntermediateValues, Output, OutputGrid
 from .recorder import Recorder
 from .settings import RunSettings
-from .snapshot import StepMemory
 from .system_instance import SystemInstance
-
-#: The share of a run that is done.
-ShareDone = float
 
 
 class March:
@@ -58,7 +54,7 @@ class March:
                 every=per_row if all_rows is None and per_row is not None else 1,
                 compiles=per_row is not None or not self._shown_within,
             )  # fmt: skip
-            self.breaks += self.controller.breaks()
+            self.breaks += self.controller.breaks
         self._first = self.controller.accepted
         self._grid: OutputGrid | None = None
         self._jumps.outputs.extend(self._open_outputs(per_row, all_rows))
@@ -70,7 +66,7 @@ class March:
                 refuses=back and part.instance.has_event_outputs(part.outputs)
             )
 
-    def steps(self) -> Iterator[ShareDone]:
+    def steps(self) -> Iterator[float]:
         """Take the steps; the share of the run that is done after each or a few of them."""
         controller, outputs = self.controller, self._jumps.outputs
         start, stop, row = self.settings.start, self.settings.stop, self.instance.row
@@ -108,11 +104,6 @@ class March:
             for output in self._jumps.outputs:
                 output.add(self.instance.row(time))
             self.t = time
-
-    @property
-    def memory(self) -> StepMemory | None:
-        """What adaptive steps go on with in another run."""
-        return self.controller.memory
 
     def statistics(self) -> dict[str, Any]:
         """What the run took, and the orders with which its results converge.

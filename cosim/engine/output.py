@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from ..dense import CUBIC_ROWS
 from ..fmu.times import coincide
 from ..result import Rows
+from .recorder import LONGEST
 
 #: Rows that wait before those between them are made. Chosen: what a call of NumPy costs is then little of a row.
 WAITING_ROWS = 1 << 10
-#: Seconds that rows wait at most. A convention: who reads the file along notices no delay.
-LONGEST = 0.1
 
 Flags = NDArray[np.bool_]
 #: Times and values that a part shows within steps, of which it makes a list, and their columns.
@@ -131,8 +130,8 @@ class OutputGrid:
     def _due_times(self, end: Any) -> Rows:
         """The next times of the grid up to one [s]."""
         end += _rounding(end)
-        number = max(0, math.floor((end - self._start) / self._spacing) + 2 - self._next)
-        due = self._start + self._spacing * np.arange(self._next, self._next + number)
+        stop = math.floor((end - self._start) / self._spacing) + 2
+        due = self._start + self._spacing * np.arange(self._next, stop)
         due = due[due <= end]
         self._next += len(due)
         return np.asarray(due)

@@ -80,12 +80,7 @@ class RunSettings:
     def ports(self, network: Network) -> list[Port]:
         """What is recorded, by default all outputs; raises SetupError for what cannot be."""
         if self.record is None:
-            return [
-                Port(name, v)
-                for name, description in network.descriptions.items()
-                for v in description.modelVariables
-                if v.causality == "output" and v.type in NUMERIC
-            ]
+            return [port for port in _outputs(network) if port.type in NUMERIC]
         ports = [port for name in self.record for port in network.array(name)[1]]
         for port in ports:
             if port.type not in NUMERIC:
@@ -102,12 +97,7 @@ class RunSettings:
         """The outputs that a run which names no columns leaves out, since their values are texts."""
         if self.record is not None:
             return []
-        return [
-            f"{name}.{v.name}"
-            for name, description in network.descriptions.items()
-            for v in description.modelVariables
-            if v.causality == "output" and v.type in ("String", "Binary")
-        ]
+        return [port.name for port in _outputs(network) if port.type in ("String", "Binary")]
 
     def check(self) -> None:
         """Raise SetupError for what makes no run."""
@@ -164,3 +154,13 @@ class RunSettings:
         if isinstance(self.step, Adaptive):
             return str(self.step)
         return f"steps of {self.step:.6g} s"
+
+
+def _outputs(network: Network) -> list[Port]:
+    """All outputs of all parts."""
+    return [
+        Port(name, v)
+        for name, description in network.descriptions.items()
+        for v in description.modelVariables
+        if v.causality == "output"
+    ]

@@ -137,12 +137,11 @@ class Setup:
     def require_begin_of_many(self, case: Case) -> None:
         """Raise SetupError for a state with which several runs cannot begin."""
         self.with_case(case)
-        for name, part in case.begin.parts.items() if case.begin is not None else ():
-            if isinstance(part.fmu, LiveState):
-                raise SetupError(
-                    f"{name}: its FMU does not have canSerializeFMUstate, so that its state can begin one run: "
-                    "write run(Case(begin=state))"
-                )
+        if case.begin is not None and case.begin.live:
+            raise SetupError(
+                f"the state of {', '.join(case.begin.live)} cannot be serialised, so that it can begin one run: "
+                "write run(Case(begin=state))"
+            )
 
     def problems(self) -> Iterator[str]:
         """The reasons why the system cannot be run with these settings, a sentence each."""

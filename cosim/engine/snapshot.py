@@ -146,6 +146,12 @@ class SystemState:
     parts: Mapping[str, PartState] = field(repr=False)
     memory: StepMemory | None = field(repr=False)
 
+    @property
+    def live(self) -> dict[str, CoSimulation]:
+        """The instances that alone may take their state, by part."""
+        fmus = {name: part.fmu for name, part in self.parts.items()}
+        return {n: fmu.instance for n, fmu in fmus.items() if isinstance(fmu, LiveState)}
+
 
 @dataclass(frozen=True)
 class Case:

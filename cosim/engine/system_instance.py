@@ -26,7 +26,7 @@ from .process_guard import ProcessGuard
 from .row import RowReader
 from .schedule import Advance, coupling_context, explicit, schedule
 from .setup import Setup
-from .snapshot import LiveState, SystemState, require_same_buffers, resume
+from .snapshot import SystemState, require_same_buffers, resume
 
 #: The tools whose FMUs have no variables besides those of their instances, so that each thread may have instances of
 #: its own and a reset leaves nothing behind: their binaries have neither .data nor .bss, which a test shows of every FMU
@@ -135,8 +135,7 @@ class SystemInstance:
     def _be_as_new(self) -> bool:
         """Reset the instances, or make new ones, whether the latter; raises FmuError."""
         shows_within = self.setup.settings.steps_per_row() is None
-        states = {} if self.state is None else self.state.parts
-        lent = {n: s.fmu.instance for n, s in states.items() if isinstance(s.fmu, LiveState)}
+        lent = {} if self.state is None else self.state.live
         may = self.begins_again and shows_within == self._shows_within and not lent
         if self._wired is not None and may and self._wired.reset():
             return False

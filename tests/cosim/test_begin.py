@@ -400,4 +400,4 @@ def test_what_cannot_begin_many_runs_is_refused_before_the_first(
     with Prepared.open(System(lives), RunSettings(stop=1.0, step=0.1)) as prepared:
         state = prepared.run_until(0.5).state
         text = refused(lambda: prepared.map(2, begin=state))
-        assert "its state can begin one run" in text
+        assert "the state of A, B cannot be serialised" in text
