@@ -138,9 +138,10 @@ class March:
 
     def _intermediate_values(self) -> list[IntermediateValues]:
         """What parts show of columns within their steps."""
-        columns = {f: k for k, f in enumerate(self.instance.row.names, 1)}
+        names = self.recorder.names
+        instances = [part.instance for part in self.instance.stepped]
         return [
-            (p.intermediate_values, [columns[name] for name in p.watched])
-            for p in (part.instance for part in self.instance.stepped)
-            if p.watched
+            (x.intermediate_values, [names.index(name) for name in x.watched])
+            for x in instances
+            if x.watched
         ]

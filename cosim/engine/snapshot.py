@@ -149,8 +149,8 @@ class SystemState:
     @property
     def live(self) -> dict[str, CoSimulation]:
         """The instances that alone may take their state, by part."""
-        fmus = {name: part.fmu for name, part in self.parts.items()}
-        return {n: fmu.instance for n, fmu in fmus.items() if isinstance(fmu, LiveState)}
+        parts = self.parts.items()
+        return {n: part.fmu.instance for n, part in parts if isinstance(part.fmu, LiveState)}
 
 
 @dataclass(frozen=True)
