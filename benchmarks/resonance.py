@@ -31,6 +31,7 @@ from scenarios.project import PROJECT
 from tests.scenarios.orbit_oracle import (
     Drive,
     NoOrbitError,
+    edges,
     f_rod_peak,
     features,
     orbit,
@@ -42,7 +43,11 @@ from workbench import Context
 #: The page that this backs, and its heading.
 CLAIM = ("docs/scenarios.md", "How far the errors can be trusted")
 
+EDGE = "edge_{}"
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
+#: Levels of the torque ripple over its peak whose edges are asked for, one for each drive in turn: of a sharp resonance the higher ones
+#: are passed twice between two speeds of a sweep.
+LEVELS = (0.5, 0.8, 0.95)
 #: Error of an exact figure, relative: a convention, which limits the stated errors that are tested.
 TRUTH_ERROR = 1e-9
 
@@ -67,14 +72,29 @@ def draw(seed: int) -> tuple[dict[str, float | None], str, dict[str, Any], str]:
             truth = features(drive, *sweep[:2])
             truth["f_rod_peak"] = f_rod_peak(drive, np.linspace(*sweep))
             ripple = abs(orbit(drive, drive.nu_res).w2) / drive.nu_res
+            level = LEVELS[seed % len(LEVELS)] * (
+                truth["tau2_peak"] or ripple_at_ends(drive, sweep)
+            )
+            passed = edges(drive, *sweep[:2], level)
+            truth |= {EDGE.format(k): x for k, x in enumerate(passed, 1)}
             break
         except NoOrbitError as error:
             skipped["unstable" if "unstable" in str(error) else "not found"] += 1
     rod = "finite" if drive.finite else "long"
     words = f"zeta {drive.zeta:.3g}, ripple {ripple:.2g}, {rod} rod"
     words += "".join(f", {count} skipped: {why}" for why, count in skipped.items())
-    options = {"speeds": ":".join(map(repr, sweep)), "start": drive.start}
+    options = {
+        "speeds": ":".join(map(repr, sweep)),
+        "start": drive.start,
+        "limit": 100.0,
+        "rated_torque": level,
+    }
     return truth, command(drive, sweep), options, words
+
+
+def ripple_at_ends(drive: Drive, sweep: tuple[float, float, int]) -> float:
+    """The larger torque ripple at the two ends of a sweep [N.m]."""
+    return max(abs(orbit(drive, nu).tau2) for nu in sweep[:2])
 
 
 def drives(seeds: Sequence[int]) -> list[Trial]:
@@ -88,8 +108,11 @@ def drives(seeds: Sequence[int]) -> list[Trial]:
     trials = []
     for seed, (truth, case, _, words), answer in zip(seeds, drawn, answers):
         refused = isinstance(answer, SetupError)
-        figures = {} if refused else answer.figures
-        stated = {name: _stated(figures.get(name), truth[name]) for name in FIGURES}
+        figures = {} if refused else dict(answer.figures)
+        passed = (x for name, x in figures.items() if name.startswith("avoid_"))
+        figures |= {EDGE.format(k): x for k, x in enumerate(sorted(passed), 1)}
+        names = [*FIGURES, *(x for x in {**truth, **figures} if x.startswith(EDGE.format("")))]
+        stated = {name: _stated(figures.get(name), truth.get(name)) for name in names}
         text = str(answer) if refused else words
         trials.append(Trial("resonance", seed, stated, seconds, text, case))
     return trials

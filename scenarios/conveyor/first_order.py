@@ -69,12 +69,11 @@ class Machine:
 
     def __getitem__(self, index: Any) -> Machine:
         """Return some of many machines."""
-        return self.changed(lambda x: x[index] if np.ndim(x) else x)
 
-    def changed(self, each: Callable[[Any], Any]) -> Machine:
-        """Return the machine with a function of each of its values."""
-        more = {name: each(x) for name, x in self.more.items()}
-        return Machine(**{name: each(vars(self)[name]) for name in FIELDS.values()}, more=more)
+        def some(values: Mapping[str, Any]) -> dict[str, Any]:
+            return {name: x[index] if np.ndim(x) else x for name, x in values.items()}
+
+        return Machine(**some({**vars(self), "more": 0.0}) | {"more": some(self.more)})
 
     @property
     def theta0(self) -> Any:

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from workbench.orbits import sector_peaks
-
 from .first_order import NODE_ANGLES, Machine, Mechanism, crank, push
 
 ROD_FORCE = "conveyor.f_rod"
 #: Springs around that of formula (17), over it.
 AROUND = (0.5, 0.75, 1.0, 1.25, 1.5)
+#: Angles from the best of which a peak is looked for; a period of order 32 has 128 of them.
+FIRST_ANGLES = 4096
+#: How close the top is come to, over their distance: the height is then right but for rounding.
+TOP_TOLERANCE = 1e-5
 #: Relative error to which a spring is located; a convention, below the coupling errors of a force.
 CLOSE = 1e-6
 
@@ -39,8 +41,19 @@ def waveform(
 
 
 def peak(waveform: Any) -> float:
-    """The largest size of values at even angles of a turn, on the Fourier series through them."""
-    return float(sector_peaks(np.asarray(waveform)).max())
+    """The largest size of values at an even number of even angles of a turn, on the Fourier series through them.
+
+    From the best of FIRST_ANGLES angles Brent's method goes to the top: a search for the least peak sees how flat it is.
+    """
+    wave = np.fft.rfft(waveform, norm="forward")
+    at = int(np.abs(np.fft.irfft(wave, FIRST_ANGLES, norm="forward")).argmax())
+    k = np.arange(len(wave))
+    wave[1:-1] *= 2.0
+    top = minimize_scalar(
+        lambda x: -abs(float((wave * np.exp(2j * math.pi / FIRST_ANGLES * k * x)).sum().real)),
+        bounds=(at - 1.0, at + 1.0), method="bounded", options={"xatol": TOP_TOLERANCE},
+    )  # fmt: skip
+    return -float(top.fun)
 
 
 def best_spring_between(waveform_of: Callable[[float], Any], low: float, high: float) -> float:

@@ -437,7 +437,7 @@ def test_lag_and_slope_of_the_motor_follow_from_the_flux_of_its_rotor() -> None:
                 p: 2j * nu * motor.machine.T,
                 sigma: slip,
                 tau_b: 190.0,
-                b: motor.breakdown_slip_speed,
+                b: kloss_slips(motor.machine, 0.0).at_breakdown,
             }
             formula = flux_lag(motor.machine, slip, motor.stiff.B, nu)
             assert formula == pytest.approx(complex(gain.subs(numbers)), rel=1e-9)
@@ -457,7 +457,11 @@ def test_the_curve_of_the_characteristic_shifts_the_resonance_by_the_square_of_t
     speeds = lag_speeds(*(sheet(r=r, theta1=0.5 - 100 * r**2) for r in radii))
     for share, kloss, line in zip(shares, speeds[:2], speeds[2:]):
         shifts.append(1 - kloss.value / line.value)
-        ripple = abs(sheet().tangent.speed_ripple(30.0)) * share / sheet().breakdown_slip_speed
+        ripple = (
+            abs(sheet().tangent.speed_ripple(30.0))
+            * share
+            / kloss_slips(sheet().machine, 0.0).at_breakdown
+        )
         assert shifts[-1] == pytest.approx(3 / 8 * ripple**2, rel=0.1)
     assert math.log2(shifts[0] / shifts[1]) == pytest.approx(2.0, abs=0.1)
 

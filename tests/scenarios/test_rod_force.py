@@ -98,6 +98,20 @@ def test_the_force_of_a_short_rod_is_along_it(name: str) -> None:
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
+def test_the_peak_of_a_waveform_is_that_of_its_series_to_rounding() -> None:
+    """A search for the least peak goes astray by the root of what a peak misses."""
+
+    def series(x: Any) -> Any:
+        return np.cos(x) + 0.3 * np.cos(2 * x + 1.0) - 0.2 * np.sin(5 * x) + 0.05 * np.cos(31 * x)
+
+    angles = np.linspace(0.0, 2 * math.pi, 100000)
+    near = angles[np.abs(series(angles)).argmax()]
+    exact = minimize_scalar(
+        lambda x: -abs(series(x)), bounds=(near - 1e-4, near + 1e-4), method="bounded", options={"xatol": 1e-12}
+    )  # fmt: skip
+    assert peak(series(NODE_ANGLES)) == pytest.approx(-exact.fun, rel=1e-13)
+
+
 @pytest.mark.parametrize("name", SETS)
 def test_cosimulated_forces_are_those_of_exact_orbits_and_of_theory(
     name: str, answers: dict[str, Answer]

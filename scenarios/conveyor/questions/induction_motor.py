@@ -130,7 +130,9 @@ class InductionMotor(Question, NameplateOptions):
         table = Table.of_rows([row(x, *pair) for x, pair in zip(each, lag_speeds_)], COLUMNS)
         speeds = ripple_and_lag_over_speed(drive, sheet)
         heavy = max(zip(each, lag_speeds_), key=lambda it: it[0].machine.d)
-        small = min(zip(each, lag_speeds_), key=lambda it: it[0].breakdown_slip_speed)
+        small = min(
+            zip(each, lag_speeds_), key=lambda it: kloss_slips(it[0].machine, 0.0).at_breakdown
+        )
         return Findings(
             sheet_figures(sheet, *lag_speeds_[0]) | extremes(heavy, small),
             MotorData(drive, sheet, len(loads), table, speeds),
@@ -197,11 +199,6 @@ class Motor(NamedTuple):
     """A machine with an induction motor and its lag."""
 
     machine: Machine
-
-    @property
-    def breakdown_slip_speed(self) -> float:
-        """The slip speed at the breakdown torque [rad/s]."""
-        return float(kloss_slips(self.machine, 0.0).at_breakdown)
 
     @property
     def stiff(self) -> Machine:

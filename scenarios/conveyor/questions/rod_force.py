@@ -40,6 +40,7 @@ from workbench.orbits import (
     figure_of,
     orbit_figure,
 )
+from workbench.steady import ORBIT_ANGLES
 from workbench.study.charts import curves_over, heat_map
 
 from .. import motion
@@ -269,11 +270,8 @@ def load_and_resonance_figures(r: RodForceData, spring: Figure) -> dict[str, Fig
 def with_theory(table: Table, motions: Motions, length: float) -> Table:
     """The table with the largest rod force by theory to first order in the ripple."""
     force = [peak(waveform(o.machine, length, o.nu)) for o in motions.asked]
-    frame = table.frame
-    place = list(frame).index("f_rod_formula") + 1
-    frame.insert(place, "f_rod_theory", force)
-    units = {**table.units, "f_rod_theory": "N"}
-    return Table.of_frame(frame, {str(name): units[str(name)] for name in frame})
+    columns = {**table.columns, "f_rod_theory": np.array(force)}
+    return Table(columns, {**table.units, "f_rod_theory": "N"})
 
 
 def agreement(r: RodForceData) -> dict[str, Figure]:
@@ -294,15 +292,13 @@ def agreement(r: RodForceData) -> dict[str, Figure]:
 
 def over_angle(r: RodForceData) -> Chart:
     """The rod force over the crank angle at the operating speed with each spring: formula, theory, co-simulation."""
-    columns, panels = {"crank angle": np.degrees(NODE_ANGLES)}, {}
+    step = len(NODE_ANGLES) // ORBIT_ANGLES
+    columns, panels = {"crank angle": np.degrees(NODE_ANGLES[::step])}, {}
     for name, machine in r.machines.items():
-        simulated = r.operating[name].motions.turn[ROD_FORCE][0, 0]
-        step = len(NODE_ANGLES) // len(simulated)
-        columns["crank angle"] = np.degrees(NODE_ANGLES[::step])
         for key, kind in (("formula", True), ("theory", False)):
             wave = waveform(machine, r.length, r.speed, at_constant_speed=kind)
             columns[f"{key}{name}"] = wave[::step]
-        columns[f"orbit{name}"] = simulated
+        columns[f"orbit{name}"] = r.operating[name].motions.turn[ROD_FORCE][0, 0]
         panels[f"rod force, {1e-3 * machine.c:.4g} kN/m"] = {
             f"formula{name}": "constant speed, formula (17)",
             f"theory{name}": "with the speed ripple",
