@@ -141,11 +141,11 @@ class Remedies(NamedTuple):
         claim = f"{capital(self.judgement.claim)}: {Holds.YES if self.judgement.is_wanted else Holds.NO} with"
         lines = [f"{claim} {x}" for x in texts]
         if len(texts) > 1:
-            lines = [f"{claim} any one of these changes:", *(f"- {x}" for x in texts)]
+            lines = [f"{claim} any one of these changes:", *(f"  {x}" for x in texts)]
         if self.without:
             nothing = "; ".join(x.text() for x in self.without)
             lines.append(
-                f"{claim} any {nothing}" if self.judgement.good else f"- not with any {nothing}"
+                f"{claim} any {nothing}" if self.judgement.good else f"  not with any {nothing}"
             )
         return lines
 

@@ -145,9 +145,9 @@ def test_an_answer_says_its_remedies_in_words_table_and_json(
     low, high = ratios(LIMIT, 0.1)
     lines = printed.splitlines()
     first = lines.index("Gain below its limit: yes with any one of these changes:")
-    line = f"- w (excitation) below {math.floor(low * 1e4) / 1e4} or above {math.ceil(high * 1e3) / 1e3} rad/s, now 1.05"
+    line = f"  w (excitation) below {math.floor(low * 1e4) / 1e4} or above {math.ceil(high * 1e3) / 1e3} rad/s, now 1.05"
     assert line in lines[first + 1 : first + 4]
-    assert lines[first + 4] == "- not with any zeta from 0.03333 to 0.2"
+    assert lines[first + 4] == "  not with any zeta from 0.03333 to 0.2"
     up = by_input(got.search.remedies()[0])["w", True].value
     effect = next(x for x in lines if x.startswith(f"With w = {up:g} rad/s: "))
     lag = Oscillator.parse({"w": up}).solve(Context({})).figures["lag"]
