@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from cosim import System
+from cosim import SetupError, System
 from cosim.dense import Array
 from cosim.system import Value
 from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.motion import Motion
-from workbench.figure import scaled
+from workbench.figure import figure_of_figures, scaled
 
 from .limit_formula import OrientatorParameters, rpm_of_squared
 from .products import RPM, fastest, pair, simulated_limit
@@ -141,10 +141,16 @@ def compare_with_formula(
     ((machine, located),) = context.each(
         partial(simulated_limit, base), [friction], "limit", probes=True
     )
-    around = partial(gain_row, base, friction, np.linspace(*NEAR_LIMIT) * located.value / RPM)
-    raised = Table.of_rows(context.each(around, LENGTHS, "dimensions", probes=True), RAISED)
-    all_figures = figures(plane.frame, raised.frame, machine, located)
-    tables = {PLANE: plane, RAISE: raised}
+    if located.error is None:
+        raise SetupError(f"friction = {friction:g}: {located.reason}: there is no limit to compare")
+    around = partial(gain_of, base, friction, np.linspace(*NEAR_LIMIT) * located.value / RPM)
+    gains = dict(zip(LENGTHS, context.each(around, LENGTHS, "dimensions", probes=True)))
+    by_dimension: Any = (
+        (name, x.value, math.nan if x.error is None else x.error) for name, x in gains.items()
+    )
+    tables = {PLANE: plane, RAISE: Table.of_rows(by_dimension, RAISED)}
+    all_figures = figures(plane.frame, machine, located)
+    all_figures |= {gain_name(name): x for name, x in gains.items()}
     return FormulaComparison(base, friction, frictions, all_figures, tables)
 
 
@@ -157,30 +163,29 @@ def limit_row(case: tuple[System, float]) -> Sequence[float]:
     return machine.d, machine.h, mu, limit_figure.value, error, formula, joint
 
 
-def gain_row(base: System, mu: float, speeds: Array, name: str) -> Sequence[Any]:
-    """A row of the dimensions: percent that the limit rises by 1 % more of one, and its error; the
-    limits are sought at these speeds.
-    """
+def gain_of(base: System, mu: float, speeds: Array, name: str) -> Figure:
+    """By how much the limit rises for 1 % more of a dimension; the limits are sought at these speeds [rad/s]."""
     key = f"orientator.{name}"
     value = float(parameters(base)[key].value)
 
-    def slope(change: float) -> tuple[float, float]:
-        starts = [{**base.start, key: value * x} for x in (1 + change, 1 - change)]
-        up, down = (fastest(replace(base, start=start), mu, speeds) for start in starts)
-        width = math.log((1 + change) / (1 - change))
-        half_width = (
-            math.nan if None in (up.error, down.error) else (up.error or 0.0) + (down.error or 0.0)
+    def slope(change: float) -> Figure:
+        up, down = (
+            fastest(replace(base, start={**base.start, key: value * x}), mu, speeds)
+            for x in (1 + change, 1 - change)
         )
-        return math.log(up.value / down.value) / width, half_width / down.value / width
+        width = math.log((1 + change) / (1 - change))
+        return figure_of_figures(lambda a, b: np.log(a / b) / width, up, down, unit="%")
 
-    (percent, half_width), (other, _) = slope(CHANGE), slope(CHANGE / 2)
-    return name, percent, half_width + abs(percent - other)
+    wide, narrow = slope(CHANGE), slope(CHANGE / 2)
+    meaning = f"change of the limit for 1 % more of {name}"
+    if wide.error is None or narrow.error is None:
+        return Figure.undetermined("%", "one of the limits was not found", meaning)
+    error = wide.error + abs(wide.value - narrow.value)
+    return wide._replace(error=error, meaning=meaning)
 
 
-def figures(
-    plane: Any, raised: Any, machine: OrientatorParameters, limit_figure: Figure
-) -> dict[str, Figure]:
-    """The limit of the FMU's cup, how far formula and bound are off, and what each dimension gains."""
+def figures(plane: Any, machine: OrientatorParameters, limit_figure: Figure) -> dict[str, Figure]:
+    """The limit of the FMU's cup, how far formula and bound are off, and the closed bound."""
     formula, bound = (100 * (plane[x] / plane["limit"] - 1) for x in ("formula", "joint"))
     off, over = (
         100 * plane[x] * plane["error"] / plane["limit"] ** 2 for x in ("formula", "joint")
@@ -190,7 +195,7 @@ def figures(
         why = "the formula finds none"
         by_formula = Figure.undetermined("rpm", why, by_formula.meaning)
     joint = rpm_of_squared(machine.joint_limit)
-    all_figures = {
+    return {
         "limit": limit_figure,
         "formula": by_formula,
         "joint": Figure(joint, "rpm", 0.0, "closed bound: stage joint comes to its end"),
@@ -200,15 +205,6 @@ def figures(
         ),
         "above_most": largest_of(bound, over, "largest excess of the closed bound over the limits"),
     }  # fmt: skip
-    for row in raised.itertuples():
-        meaning = f"change of the limit for 1 % more of {row.dimension}"
-        is_found = not math.isnan(row.gain + row.gain_error)
-        all_figures[gain_name(row.dimension)] = (
-            Figure(row.gain, "%", row.gain_error, meaning)
-            if is_found
-            else Figure.undetermined("%", "one of the limits was not found", meaning)
-        )
-    return all_figures
 
 
 def gain_name(dimension: str) -> str:

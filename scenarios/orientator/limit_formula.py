@@ -267,5 +267,5 @@ class OrientatorParameters:
 
 
 def rpm_of_squared(W: float) -> float:
-    """Speed of a rotor whose square is W [rpm]."""
-    return 30 / math.pi * math.sqrt(W)
+    """Speed of a rotor whose square is W [rpm]; nan where none has it."""
+    return 30 / math.pi * math.sqrt(W) if W >= 0.0 else math.nan

@@ -143,5 +143,7 @@ def simulated_limit(system: System, mu: float) -> tuple[OrientatorParameters, Fi
     machine = OrientatorParameters.of(
         System(system.parts, start={**system.start, "orientator.chute.mu": mu})
     )
+    if not machine.joint_limit > 0.0:
+        return machine, Figure.undetermined("rpm", "no product reaches the hook at any speed")
     shares = np.arange(SLOWEST_PRODUCT, 1.0 + SPACING, SPACING)
     return machine, fastest(system, mu, shares * math.sqrt(machine.joint_limit))

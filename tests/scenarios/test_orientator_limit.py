@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import System
+from cosim import SetupError, System
 from scenarios.orientator import formula_comparison, neglected
 from scenarios.orientator import machine as orientator
 from scenarios.orientator.limit_formula import DOWN, UP, OrientatorParameters, rpm_of_squared
@@ -265,3 +265,14 @@ def test_a_jam_between_speeds_that_work_is_the_limit(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Product, "solve_all", solve_all)
     limit = fastest(system(0.35), 0.35, np.arange(5.0, 8.0, 0.25))
     assert limit.value <= 6.94 * RPM <= limit.value + limit.error < 6.941 * RPM
+
+
+def test_a_machine_that_orients_no_product_has_no_limit_to_compare() -> None:
+    """Its spring holds the catcher, so that by the closed bound no product reaches the hook."""
+    with pytest.raises(SetupError, match="no product reaches the hook at any speed"):
+        ask(
+            "orientation_time",
+            compare="formula",
+            frictions="0.5",
+            start={"orientator.spring.c": 200.0},
+        )
