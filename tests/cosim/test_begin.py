@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 import re
 from collections.abc import Callable, Sequence
@@ -27,6 +28,7 @@ from cosim import (
 from cosim.ensemble import Cases, joined
 from cosim.prepared import How
 from tests.cosim import foreign, third
+from tests.cosim.test_anyone import hide_compiled_loop
 from tests.cosim.test_members import WIRES, H, drive, pairwise
 
 #: What is varied of the settings, and of what is run.
@@ -401,3 +403,22 @@ def test_what_cannot_begin_many_runs_is_refused_before_the_first(
         state = prepared.run_until(0.5).state
         text = refused(lambda: prepared.map(2, begin=state))
         assert "the state of A, B cannot be serialised" in text
+
+
+@pytest.mark.parametrize("until", [0.22, 0.33, 0.42])
+def test_the_loop_in_c_leaves_instances_at_the_time_that_steps_in_python_do(
+    until: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """There they take inputs by event mode, with the event that is due then."""
+    ball = third.pack(tmp_path / "ball.fmu", CLOCK)
+    system = System({"A": ball, "B": ball}, ["A.h -> B.u"])
+    settings = RunSettings(stop=1.3, step=0.01, record=["A.h", "B.y"])
+    for loop in ("compiled", "Python"):
+        if loop == "Python":
+            hide_compiled_loop(monkeypatch)
+        with Prepared.open(system, settings) as prepared:
+            result, state = prepared.run_until(until)
+        assert result.provenance["loop"].startswith(loop)
+        for part in state.parts.values():
+            assert part.fmu.events.now == pytest.approx(state.time, abs=1e-12)
+            assert part.fmu.events.due == pytest.approx(math.ceil(10 * until - 0.5) / 10 + 0.05)
