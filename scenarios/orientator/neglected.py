@@ -53,32 +53,25 @@ EFFECTS = {
 }
 
 
-@dataclass(frozen=True)
-class Effects:
-    """What is neglected: friction at all walls of the chute and between cup and catcher; radius of the rim's
-    edge and length of the spring at the stop [m].
+def machines(
+    base: System, friction: float, catcher: float, rim: float, length: float
+) -> dict[str, System]:
+    """Return the machine of the paper, and with each effect that it neglects; "corner" has the hook's friction, too.
+
+    These are friction at all walls of the chute and between cup and catcher; radius of the rim's edge and length of the
+    spring at the stop [m].
     """
-
-    friction: float
-    catcher: float
-    rim: float
-    length: float
-
-    def machines(self, base: System) -> dict[str, System]:
-        """Return the machine of the paper, and with each effect; "corner" has the hook's friction, too."""
-        sides: dict[str, Value] = {"mu_side": self.friction}
-        hook: dict[str, Value] = {"mu_catcher": self.catcher}
-        corner: dict[str, Value] = {**hook, "rim": self.rim}
-        spring: dict[str, Value] = {"anchored": True, "length": self.length}
-        together = {**sides, **corner, **spring}
-        settings = dict(zip((PLAIN, *EFFECTS), ({}, sides, hook, corner, spring, together)))
-        start = {**base.start, CREEP: float(parameters(base)[CREEP].value) / 4}
-        return {
-            name: replace(
-                base, start={**start, **{NEGLECTED + key: x for key, x in values.items()}}
-            )
-            for name, values in settings.items()
-        }
+    sides: dict[str, Value] = {"mu_side": friction}
+    hook: dict[str, Value] = {"mu_catcher": catcher}
+    corner: dict[str, Value] = {**hook, "rim": rim}
+    spring: dict[str, Value] = {"anchored": True, "length": length}
+    together = {**sides, **corner, **spring}
+    settings = dict(zip((PLAIN, *EFFECTS), ({}, sides, hook, corner, spring, together)))
+    start = {**base.start, CREEP: float(parameters(base)[CREEP].value) / 4}
+    return {
+        name: replace(base, start={**start, **{NEGLECTED + key: x for key, x in values.items()}})
+        for name, values in settings.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -136,13 +129,16 @@ class SlowlyCreeping(Product):
 
 
 def compare_with_effects(
-    context: Context, base: System, effects: Effects, speed: float, table_speeds: Sequence[float]
+    context: Context,
+    kinds: Mapping[str, System],
+    mu: float,
+    speed: float,
+    table_speeds: Sequence[float],
 ) -> NeglectedComparison:
-    """Run all machines at all speeds [rad/s], and find where each of them jams.
+    """Run all machines with a friction at all speeds [rad/s], and find where each of them jams.
 
     The figures are those of `speed`, the rows of the table those of `table_speeds`.
     """
-    kinds, mu = effects.machines(base), effects.friction
     speeds = [speed, *table_speeds]
     asked = [x for system in kinds.values() for x in SlowlyCreeping.of(system, mu, speeds)]
     times = [*context.each(partial(orientation, context.fmus), asked, "effects", probes=True)]

@@ -191,8 +191,8 @@ def compared(
     if o.compare == FORMULA:
         return formula_comparison.compare_with_formula(context, machine, o.friction, frictions)
     if o.compare == NEGLECTED:
-        effects = neglected.Effects(o.friction, o.catcher, o.rim, o.length)
-        return neglected.compare_with_effects(context, machine, effects, o.speed, speeds)
+        kinds = neglected.machines(machine, o.friction, o.catcher, o.rim, o.length)
+        return neglected.compare_with_effects(context, kinds, o.friction, o.speed, speeds)
     return None
 
 
