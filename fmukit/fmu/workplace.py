@@ -75,20 +75,12 @@ def _remove_if_abandoned(folder: Path) -> None:
 
 
 def _remove(folder: Path, lock: int) -> None:
-    """Remove a locked folder and its lock.
-
-    If a compiler that is ending still writes there, the file that is locked stays, and the next build removes the rest.
-    """
-    for inside in folder.iterdir():
-        if inside.name != OWNER:
-            rmtree(inside, ignore_errors=True)
-            with suppress(OSError):
-                inside.unlink()
-    is_empty = [path.name for path in folder.iterdir()] == [OWNER]
+    """Remove a locked folder and its lock; where a compiler that ends still writes, the next build removes the rest."""
     if sys.platform == "win32":
         os.close(lock)  # an open file cannot be removed there
-    if is_empty:
-        rmtree(folder, ignore_errors=True)
+    rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        (folder / OWNER).touch()
     if sys.platform != "win32":
         os.close(lock)
 

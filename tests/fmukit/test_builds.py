@@ -195,6 +195,22 @@ def test_folders_of_builds_that_have_ended_go_and_no_others(tmp_path: Path) -> N
     assert (mine / "plan.txt").is_file() and (tmp_path / f"{PREFIX}linklink").is_symlink()
 
 
+def test_what_a_compiler_writes_while_its_build_ends_goes_with_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def removed_and_written(folder: Path, ignore_errors: bool) -> None:
+        shutil.rmtree(folder, ignore_errors)
+        (folder / "zig").mkdir(parents=True)
+
+    with monkeypatch.context() as context:
+        context.setattr("fmukit.fmu.workplace.rmtree", removed_and_written)
+        with workplace(tmp_path) as ended:
+            pass
+    assert (ended / "zig").is_dir()
+    with workplace(tmp_path):
+        assert not ended.exists()
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="processes are looked for in /proc")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_a_build_that_is_ended_takes_its_compilers_with_it(
