@@ -62,8 +62,9 @@ class Table:
 
     @classmethod
     def of_frame(cls, frame: pd.DataFrame, units: Mapping[str, str]) -> Table:
-        """The table of a frame of pandas."""
-        return cls({str(name): frame[name].to_numpy() for name in frame}, units)
+        """The table of a frame of pandas, whose columns have some of the units."""
+        columns = {str(name): frame[name].to_numpy() for name in frame}
+        return cls(columns, {name: units[name] for name in columns if name in units})
 
     @cached_property
     def frame(self) -> pd.DataFrame:
