@@ -340,10 +340,17 @@ class Series:
         return cls(kept, lambda k: loads[k](), breaks=series.breaks, label=str(path))
 
     @classmethod
-    def read_cells(cls, path: Path | str) -> Series:
-        """The cells of a file as texts, "" where there are none: of a table whose values are not numbers alone."""
+    def read_cells(cls, path: Path | str, *, may_lack: bool = False) -> Series:
+        """The cells of a file as texts, "" for empty ones: of a table whose values are not numbers alone.
+
+        Raises SetupError for rows that are shorter than the heading, unless they `may_lack` cells.
+        """
         path = Path(path)
         series = _series(read_file(path, as_texts=True), str(path))
+        for k, column in enumerate(series.columns):
+            lacking = [row for row, cell in enumerate(series.load(k), 2) if cell is None]
+            if lacking and not may_lack:
+                raise SetupError(f"{path}, row {lacking[0]}: there is no cell under {column.name}")
         cells = [
             np.array(["" if is_empty(x) else str(x).strip() for x in series.load(k)])
             for k in range(len(series.columns))

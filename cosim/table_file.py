@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -277,9 +278,6 @@ def _read_text(
         raise ValueError(f"row {beyond[0] + 2} has more cells than the heading")
     frame = frame[: int(np.flatnonzero(is_filled.any(axis=1)).max(initial=-1)) + 1]
     named = [k for k, (name, _) in enumerate(split) if name or is_filled[k].any()]
-    if as_texts and frame[named].isna().any(axis=None):
-        row = int(np.argmax(frame[named].isna().any(axis=1)))
-        raise ValueError(f"row {row + 2} has fewer cells than the heading")
     loaded = [_texts(frame[k], mark) if as_texts else _values(frame[k], mark) for k in named]
     return TableFile([split[k] for k in named], loaded.__getitem__, facts)
 
@@ -299,13 +297,16 @@ def _cells(
     with _opened(source) as file:
         mark = _separator(file)
         next(csv.reader(iter(file.readline, ""), delimiter=mark, skipinitialspace=True))
+        if as_texts:  # None where a row has no cell
+            cells = csv.reader(file, delimiter=mark, skipinitialspace=True)
+            columns = dict(enumerate(zip_longest(*filter(None, cells))))
+            return pd.DataFrame(columns, dtype=object).reindex(columns=range(count + 1))
         try:
             names = range(count + 1) if only is None else range(count)
             return pd.read_csv(
                 file, sep=mark, decimal="." if mark == "," else ",", header=None, names=names,
                 usecols=None if only is None else [only], skipinitialspace=True,
-                keep_default_na=False, na_values=[] if as_texts else [*NOTHING], low_memory=False,
-                index_col=False, dtype=str if as_texts else None,
+                keep_default_na=False, na_values=NOTHING, low_memory=False, index_col=False,
             )  # fmt: skip
         except pd.errors.EmptyDataError:
             return pd.DataFrame({k: [] for k in range(count + 1)}, dtype=float)

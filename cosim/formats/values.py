@@ -57,7 +57,7 @@ def _given_port(network: Network, name: str, where: str, given: set[str]) -> Por
 
 def _rows(path: Path, network: Network) -> Iterator[tuple[str, Value]]:
     """Name and value of each row of a CSV, read as the command line reads them."""
-    table = Series.read_cells(path)
+    table = Series.read_cells(path, may_lack=True)
     if lacking := [column for column in COLUMNS[:2] if column not in table.names]:
         raise SetupError(f"{path} has no column {lacking[0]!r}, only {', '.join(table.names)}")
     for column in {*table.names} - {*COLUMNS}:

@@ -185,3 +185,30 @@ def test_a_misspelt_column_of_units_is_not_ignored(
     captured = capsys.readouterr()
     assert code == (2 if reason else 0) and reason in captured.err
     assert bool(reason) or "DriveMotor.w [rad/s] = 3.14" in captured.out
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("m.T,m.A\n5ms,7000\n0.05\n", "row 3: there is no cell under m.A"),
+        ("m.T,m.A\n5ms,7000,1\n", "row 2 has more cells than the heading"),
+        ("m.T,m.T\n1,2\n", "has two columns named 'm.T'"),
+        ("m.T\n", "has no row below its header"),
+        ("", "it is empty"),
+    ],
+)
+def test_cases_are_refused_as_other_tables_are(
+    text: str, message: str, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """But for empty cells, which fail the run of their row."""
+    (tmp_path / "c.csv").write_text(text)
+    options = ["--table", str(tmp_path / "c.csv"), "--figure", "last:m.tau"]
+    assert main(["sweep", f"m={fmus / 'DriveMotor.fmu'}", *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_cells_are_texts_with_decimal_points(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("# made by me\nT;A [N.m]\n5ms; 0,05 \n;7000\n\n")
+    table = Series.read_cells(tmp_path / "c.csv")
+    assert table.units == {"T": "", "A": "N.m"}
+    assert [table[name].tolist() for name in table.names] == [["5ms", ""], ["0.05", "7000"]]
