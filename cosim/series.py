@@ -347,14 +347,13 @@ class Series:
         """
         path = Path(path)
         series = _series(read_file(path, as_texts=True), str(path))
-        for k, column in enumerate(series.columns):
-            lacking = [row for row, cell in enumerate(series.load(k), 2) if cell is None]
-            if lacking and not may_lack:
-                raise SetupError(f"{path}, row {lacking[0]}: there is no cell under {column.name}")
-        cells = [
-            np.array(["" if is_empty(x) else str(x).strip() for x in series.load(k)])
-            for k in range(len(series.columns))
-        ]
+        cells = []
+        for k, name in enumerate(series.names):
+            values = series.load(k).tolist()
+            if None in values and not may_lack:
+                row = values.index(None) + 2
+                raise SetupError(f"{path}, row {row}: there is no cell under {name}")
+            cells.append(np.array(["" if is_empty(x) else str(x).strip() for x in values]))
         return series.with_columns_from(cells.__getitem__)
 
     @classmethod

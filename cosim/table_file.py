@@ -278,7 +278,8 @@ def _read_text(
         raise ValueError(f"row {beyond[0] + 2} has more cells than the heading")
     frame = frame[: int(np.flatnonzero(is_filled.any(axis=1)).max(initial=-1)) + 1]
     named = [k for k, (name, _) in enumerate(split) if name or is_filled[k].any()]
-    loaded = [_texts(frame[k], mark) if as_texts else _values(frame[k], mark) for k in named]
+    read = _texts if as_texts else _values
+    loaded = [read(frame[k], mark) for k in named]
     return TableFile([split[k] for k in named], loaded.__getitem__, facts)
 
 
