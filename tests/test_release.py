@@ -1,10 +1,14 @@
 """What is released, installed where there is nothing else: the wheel, its commands, its size."""
 
+import ast
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -54,6 +58,23 @@ class Environment:
         )  # fmt: skip
         assert done.returncode == status, f"{done.stdout}\n{done.stderr}"
         return f"{done.stdout}{done.stderr}"
+
+
+def test_what_builds_the_fmus_is_named_where_the_package_is_built() -> None:
+    """By the distributions that have the modules, since the package is built where nothing else is installed."""
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]
+    required = {re.split(r"[<>=]", line)[0] for line in build["requires"]}
+    sources = [*(ROOT / "fmukit").rglob("*.py"), *(ROOT / "components").rglob("*.py")]
+    own = {"fmukit", "components", "scenarios", *sys.stdlib_module_names}
+    distributions = packages_distributions()
+    for path in [*sources, ROOT / "build_fmus.py", ROOT / "tools" / "hatch_build.py"]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            modules = [x.name for x in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                modules = [node.module or ""]
+            for module in {x.partition(".")[0] for x in modules} - own:
+                names = {x.lower().replace("_", "-") for x in distributions.get(module, ())}
+                assert required & names, f"{path}: {module}"
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from ..codegen import entries as codegen
 from ..declare.interface import Interface, Variable, class_name
@@ -203,5 +202,6 @@ def _real_errors(column: NDArray[np.float64], differences: NDArray[np.float64]) 
     """The errors of a Real output, rounded up to two digits."""
     rounding = ROUNDING * len(column) * np.abs(column).max()
     width = max(1, round(ENVELOPE * len(column)))
-    nearby = maximum_filter1d(differences, 2 * width + 1, mode="nearest")
+    around = np.pad(differences, width, mode="edge")
+    nearby = np.lib.stride_tricks.sliding_window_view(around, 2 * width + 1).max(axis=1)
     return [float(f"{x:.1e}") for x in UPWARDS * (SAFETY * nearby + rounding)]
