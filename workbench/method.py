@@ -54,7 +54,7 @@ class Run:
         return [answer(o, context) for o in asked]
 
 
-def refined(
+def run_with_refinements(
     o: Any,
     context: Context,
     values: Mapping[str, float],
@@ -158,21 +158,21 @@ def certify(o: Any, system: System, context: Context, csv: str) -> tuple[Result,
     has_formulas = any(DOTTED.fullmatch(text) is None for text in texts)
     own = {"figures": figures} if o.overrides("figures") else {}
     if o.method.finer:
-        result, certified = refined(o, context, values, metrics, derive)
+        result, certified = run_with_refinements(o, context, values, metrics, derive)
     else:
         result, certified = context.certify(
-            system, {**metrics, **own}, o.run_options(), recorded(o, system), csv,
+            system, {**metrics, **own}, o.run_options(), columns_to_record(o, system), csv,
             derive=derive if o.overrides("process") or has_formulas else None,
         )  # fmt: skip
     units = (results[0] if results else result).units
     for x in o.numbers:
-        figure = certified[x.name] if x.name in metrics else follows(x, certified, values)
+        figure = certified[x.name] if x.name in metrics else figure_of_formula(x, certified, values)
         known = known_units(o, certified, given, units)
         certified[x.name] = as_declared(o, x, figure, known)
     return results[0] if results else result, certified
 
 
-def recorded(o: Any, system: System) -> Sequence[str] | None:
+def columns_to_record(o: Any, system: System) -> Sequence[str] | None:
     """Return the columns of `record`, and the outputs that numbers and charts use besides."""
     if o.record is None:
         return None
@@ -221,7 +221,9 @@ def as_declared(o: Any, x: Number, figure: Figure, units: Mapping[str, str]) -> 
     return scaled(figure, factor, stated, meaning)
 
 
-def follows(number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]) -> Figure:
+def figure_of_formula(
+    number: Number, figures: Mapping[str, Figure], values: Mapping[str, float]
+) -> Figure:
     """Return the figure of a formula, `figures.speed / 2`, see `figure_of_figures`."""
     known = {f"figures.{name}": x for name, x in figures.items()}
     formula = Formula.read(number.value)

@@ -58,7 +58,9 @@ def at_zero_step(values: Array, order: float, noise: Array | float = 0.0) -> Lim
     return limit(runs, order, noise=noises)
 
 
-def extrapolated(values: Any, order: float, noise: Array | float = 0.0) -> tuple[Any, Array]:
+def extrapolate_to_zero_step(
+    values: Any, order: float, noise: Array | float = 0.0
+) -> tuple[Any, Array]:
     """Return where values go, real or complex, and the errors of that, nan where they are not known."""
     found = at_zero_step(values, order, noise)
     return found.extrapolated, np.where(found.is_stated, found.extrapolated_error, np.nan)
@@ -654,7 +656,9 @@ class _Reading:
                 f"reader {reader.kind!r} of {reader.column}: of a turn it must be {kinds}"
             )
         steps, left = of_both[:, 1].reshape(k, -1), left.reshape(k, -1)
-        value, error = extrapolated(steps, CONVERGENCE_ORDERS[self.batch.asked[0].algorithm], left)
+        value, error = extrapolate_to_zero_step(
+            steps, CONVERGENCE_ORDERS[self.batch.asked[0].algorithm], left
+        )
         if reader.kind == "phase":
             with np.errstate(all="ignore"):
                 share = np.degrees(1.0 / np.abs(value))

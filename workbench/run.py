@@ -202,10 +202,10 @@ def found(
             }
             return stack.enter_context(open_outcomes(out, identity, passing=True))
 
-        yield _complete(question, o.solve(Context(fmus, runner, out, journal)))
+        yield _require_findings(question, o.solve(Context(fmus, runner, out, journal)))
 
 
-def _complete(question: type[Question], findings: Any) -> Findings:
+def _require_findings(question: type[Question], findings: Any) -> Findings:
     """What `solve` has returned, as it was declared; raises SetupError for anything else."""
     if not isinstance(findings, Findings):
         raise SetupError(f"{question.path}: solve must return workbench.Findings")
@@ -248,7 +248,7 @@ def rows(
     """
     began = perf_counter()
     try:
-        found = _solved(page, fmus, cases, finds, judged=judged)
+        found = _solve_cases(page, fmus, cases, finds, judged=judged)
     except Exception as error:  # noqa: BLE001
         if len(cases) > 1:
             half = len(cases) // 2
@@ -262,7 +262,7 @@ def rows(
     ]
 
 
-def _solved(
+def _solve_cases(
     page: Path | str,
     fmus: Mapping[str, Path],
     cases: Sequence[Mapping[str, Any]],
@@ -298,12 +298,16 @@ def _solved(
                     for name, all_ in of_case
                     for n, y in enumerate(all_, 1)
                 }
-                more |= _judged(asked[k].judgements(x.figures, x.data)) if judged else {}
+                more |= (
+                    _figures_of_judgements(asked[k].judgements(x.figures, x.data)) if judged else {}
+                )
                 found[k] = replace(x, figures={**x.figures, **more})
             if len(cases) > 1 and logged():
                 raise SetupError(f"one of {len(cases)} cases warns: {logged()[0]}")
             return [
-                x if isinstance(x, SetupError) else _study_row(_complete(question, x), logged())
+                x
+                if isinstance(x, SetupError)
+                else _study_row(_require_findings(question, x), logged())
                 for x in found
             ]
     except (SetupError, QuestionError) as error:
@@ -313,7 +317,7 @@ def _solved(
         raise type(error)(text) from error
 
 
-def _judged(judgements: Sequence[Judgement]) -> dict[str, Figure]:
+def _figures_of_judgements(judgements: Sequence[Judgement]) -> dict[str, Figure]:
     """Judgements as figures: 1 for yes, 0 for no, and why one is open."""
     return {
         JUDGED.format(k): Figure(float(x.answer is Holds.YES), "1", 0.0, x.what)

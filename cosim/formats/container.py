@@ -81,7 +81,7 @@ def write_container(
             container = FMUContainer(re.sub(r"\W", "_", f"C_{path.stem}"), Path(folder))
             container.start_time, container.stop_time = start, stop
             _fill(container, network, sequence)
-            with _without_repetition(TOOL):
+            with _each_message_once(TOOL):
                 _require_order(container, network, sequence)
                 container.make_fmu(container_path, step_size=step, sequential=is_sequential)
         except (FMUContainerError, FMUError) as error:
@@ -114,7 +114,7 @@ def _is_sequential(algorithm: str, parts: Sequence[str]) -> bool:
 
 
 @contextmanager
-def _without_repetition(name: str) -> Iterator[None]:
+def _each_message_once(name: str) -> Iterator[None]:
     """Let a logger say each of its messages once."""
     logger, messages = logging.getLogger(name), set[str]()
 

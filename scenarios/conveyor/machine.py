@@ -26,7 +26,9 @@ def conveyor_drive(fmus: Mapping[str, Path], start: Mapping[str, Value]) -> Syst
     return System(dict(fmus), WIRES, start)
 
 
-def followed(fmus: Mapping[str, Path], machine: Machine, start: Mapping[str, Value]) -> Machine:
+def machine_with_start_values(
+    fmus: Mapping[str, Path], machine: Machine, start: Mapping[str, Value]
+) -> Machine:
     """The machine with these start values; raises SetupError for what its FMUs or theory refuse."""
     changed = machine.follow(start)
     (why,) = refusals(fmus, [changed])

@@ -84,7 +84,9 @@ def moving(
     """Conveyors of several runs of the same step between two times [s], the first on top."""
     results = list(runs.values())
     turns = float(np.ptp(results[0]["conveyor.phi"])) / (2 * math.pi)
-    picked = motion.rows(results[0]["time"], first, last, int(np.clip(24 * turns, 120, 480)))
+    picked = motion.rows_nearest_to_times(
+        results[0]["time"], first, last, int(np.clip(24 * turns, 120, 480))
+    )
     times, shapes = results[0]["time"][picked], []
     captions = [f"{t - first:.3f} s: " for t in times]
     for k, (name, result) in enumerate(runs.items()):

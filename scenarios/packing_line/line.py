@@ -38,7 +38,7 @@ POWERS = {
 }
 
 
-def supplied(r: Result) -> Result:
+def add_supply_power(r: Result) -> Result:
     """Return the run with the power of the supply, which is that of both motors."""
     power = r["iron_motor.P"] + r["conveyor_motor.P"]
     of = ("iron_motor.P", "conveyor_motor.P")

@@ -8,7 +8,7 @@ import pytest
 from scenarios import ask
 from tests.conftest import ROOT, fmus_of
 from workbench import Figure, Number
-from workbench.method import follows
+from workbench.method import figure_of_formula
 from workbench.options import Option
 from workbench.question import load
 from workbench.run import found
@@ -60,7 +60,7 @@ def test_a_number_of_a_figure_has_an_error_up_and_down(text: str) -> None:
     """A curved formula changes more to one side; the other side alone would state less than half of it."""
 
     def at(value: float, error: float) -> Figure:
-        return follows(Number("x", text, "1"), {"a": Figure(value, "1", error)}, {})
+        return figure_of_formula(Number("x", text, "1"), {"a": Figure(value, "1", error)}, {})
 
     told = at(1.0, 0.6)
     for value in (0.4, 0.7, 1.3, 1.6):
@@ -69,7 +69,9 @@ def test_a_number_of_a_figure_has_an_error_up_and_down(text: str) -> None:
 
 def test_a_number_whose_formula_has_no_value_within_the_error_is_undetermined() -> None:
     for error in (1.0, 1.5):
-        told = follows(Number("x", "1 / sqrt(figures.a)", "1"), {"a": Figure(1.0, "1", error)}, {})
+        told = figure_of_formula(
+            Number("x", "1 / sqrt(figures.a)", "1"), {"a": Figure(1.0, "1", error)}, {}
+        )
         assert told.error is None and told.reason
 
 

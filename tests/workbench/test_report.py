@@ -492,7 +492,7 @@ def test_thinning_keeps_peaks_beside_gaps_and_the_gaps() -> None:
     y[[5000, 5007]] = np.nan, 5.0
     y[[9000, 9001]] = np.inf, -4.0
     y[12_000:13_000] = np.nan
-    indices = plotly.thinned(y)
+    indices = plotly.rows_to_draw(y)
     assert len(indices) <= STYLE.max_points
     assert {5000, 5007, 9000, 9001} <= set(indices)
     assert np.isnan(y[[k for k in indices if 12_010 <= k < 12_990]]).all()

@@ -86,7 +86,9 @@ def labels_above(
     left, right = -STYLE.left_px / STYLE.name_letter_px / letters, 1.0 + beside / letters
     ends = left, right
     placed = [
-        _placed(s.text, float(np.clip(x.share([s.first, s.last]), 0, 1).mean()), (), letters, ends)
+        _place_beside_line(
+            s.text, float(np.clip(x.share([s.first, s.last]), 0, 1).mean()), (), letters, ends
+        )
         for s in spans
     ]
     ordered = sorted(marks)
@@ -94,7 +96,7 @@ def labels_above(
         sides: tuple[Anchor, ...] = (
             ("right", "left") if k < len(ordered) // 2 else ("left", "right")
         )
-        placed.append(_placed(mark.text, float(x.share(mark.at)), sides, letters, ends))
+        placed.append(_place_beside_line(mark.text, float(x.share(mark.at)), sides, letters, ends))
     labels, line, rest = [], 0, placed
     while rest:
         now: list[_Placed] = []
@@ -121,7 +123,7 @@ class _Placed:
     anchor: Anchor
 
 
-def _placed(
+def _place_beside_line(
     text: str, at: float, sides: Sequence[Anchor], letters: float, ends: tuple[float, float]
 ) -> _Placed:
     """Return a text on the first side of its line where it fits between both ends, or else across it."""
@@ -177,14 +179,14 @@ def names_of(
     wanted = [1.0 - float(row.y.share(y)) if np.isfinite(y) else 1.0 for _, y in ends]
     sizes = [STYLE.name_line_px * len(lines) / height_px for lines in texts]
     names = []
-    for element, lines, (end, _), y in zip(row.named, texts, ends, apart(wanted, sizes)):
+    for element, lines, (end, _), y in zip(row.named, texts, ends, separate_places(wanted, sizes)):
         inside = min(float(x.share(end)), 1.0 - width_px(lines) / STYLE.plane_width_px)
         place = (inside if is_plane else 1.0), 1.0 - y
         names.append(Name(element, "\n".join(lines), *place))
     return names
 
 
-def apart(wanted: Sequence[float], sizes: Sequence[float]) -> list[float]:
+def separate_places(wanted: Sequence[float], sizes: Sequence[float]) -> list[float]:
     """Return places from 0 to 1 near the wanted ones, so far apart that no two of these sizes meet."""
     order = sorted(range(len(wanted)), key=lambda k: wanted[k])
     places, edge = dict[int, float](), 0.0

@@ -119,7 +119,7 @@ def layout_of(
     above = [STYLE.gap_px] * len(rows)
     above[0] += STYLE.text_line_px * max((label.line + 1 for label in labels), default=0)
     below = STYLE.second_axis_px if isinstance(picture, Chart) and picture.second else 0.0
-    heights = shrunk(rows, max_height_px - sum(above) - below - STYLE.below_px)
+    heights = heights_that_fit(rows, max_height_px - sum(above) - below - STYLE.below_px)
     placed, top = [], 0.0
     for row, free, height in zip(rows, above, heights):
         label = textwrap.fill(
@@ -147,7 +147,7 @@ def with_wrapped_ticks(x: Axis, letters: int) -> Axis:
     return replace(x, ticks=texts)
 
 
-def shrunk(rows: Sequence[DrawnRow], max_height_px: float) -> list[float]:
+def heights_that_fit(rows: Sequence[DrawnRow], max_height_px: float) -> list[float]:
     """Return the heights of rows [px], those that may shrink lower where all are higher together."""
     heights = np.array([row.height_px for row in rows])
     may_shrink = np.array([row.may_shrink for row in rows])

@@ -60,7 +60,9 @@ class Motion(NamedTuple):
         return points.min(axis=0), points.max(axis=0)
 
 
-def rows(t: Samples, first: float, last: float, frames: int = FRAMES) -> NDArray[np.int64]:
+def rows_nearest_to_times(
+    t: Samples, first: float, last: float, frames: int = FRAMES
+) -> NDArray[np.int64]:
     """The rows nearest to evenly spaced times between two [s], each once."""
     wanted = np.linspace(first, last, frames)
     right = np.clip(np.searchsorted(t, wanted), 1, len(t) - 1)

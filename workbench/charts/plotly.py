@@ -93,7 +93,7 @@ def plotly_layout(layout: ChartLayout, *, has_ranges: bool = True) -> PlotlyDict
         "margin": {"l": STYLE.left_px, "r": STYLE.right_px + layout.names_px, "t": 0, "b": STYLE.below_px},
         "hovermode": "closest" if layout.is_plane else "x unified",
         "xaxis": x,
-        "annotations": [*_labels(layout), *_names(layout), *_arrows(layout)],
+        "annotations": [*_labels(layout), *_name_annotations(layout), *_arrows(layout)],
         "shapes": list(_shapes(layout)) if has_ranges else [],
     }  # fmt: skip
     for k, placed in enumerate(layout.rows, 1):
@@ -148,7 +148,7 @@ def element_traces(element: Element) -> list[PlotlyDict]:
 
 def _line(line: Line) -> PlotlyDict:
     """A line, points, or both."""
-    rows = thinned(line.y)
+    rows = rows_to_draw(line.y)
     sizes = {"lines": line.width_px, "markers": line.marker_px}
     modes = [mode for mode, size in sizes.items() if size > 0.0]
     return {
@@ -172,7 +172,7 @@ def _band(band: Band) -> list[PlotlyDict]:
         edges.append(_line(line) | {"line": {"width": 0, "color": band.color}} | SILENT)
     upper = edges[1] | {"fill": "tonexty", "fillcolor": _faint(band.color, band.opacity)}
     if band.values is not None:
-        values = numbers(band.values[thinned(band.high)])
+        values = numbers(band.values[rows_to_draw(band.high)])
         upper |= _named(band) | {"customdata": values, "hoverinfo": "all"}
     return [edges[0], upper]
 
@@ -246,7 +246,7 @@ def _labels(layout: ChartLayout) -> Iterable[PlotlyDict]:
         }  # fmt: skip
 
 
-def _names(layout: ChartLayout) -> Iterable[PlotlyDict]:
+def _name_annotations(layout: ChartLayout) -> Iterable[PlotlyDict]:
     """The names of elements beside their ends; a click on one hides what it names."""
     for k, placed in enumerate(layout.rows, 1):
         for name in placed.names:
@@ -303,7 +303,7 @@ def _faint(color: str, opacity: float) -> str:
     return f"{color}{round(opacity * SHADES):02x}"
 
 
-def thinned(y: Samples) -> list[int]:
+def rows_to_draw(y: Samples) -> list[int]:
     """Return at most `max_points` rows in order: the ends, and of every stretch the smallest and the largest number.
 
     A stretch with rows that are no finite number keeps one of them, so that its gap is seen.

@@ -54,7 +54,7 @@ def coefficient_table(motion: LiveMotion, runs: int) -> dict[str, Any]:
     rng = np.random.default_rng(SEED)
     count = SAMPLES * (1 + sum(2 * max(1, len(x.turns)) for x in coordinates)) + 2
     columns = _columns(coordinates, rng.random((len(coordinates), count)))
-    size, scale, shapes = _placed(motion, columns, runs)
+    size, scale, shapes = _shapes_scaled_to_drawing(motion, columns, runs)
     features = _features(coordinates, columns)
     weights = np.maximum(np.abs(features).max(axis=0), 1e-300)
     fitted, checked = slice(0, None, 2), slice(1, None, 2)
@@ -100,7 +100,7 @@ def _features(coordinates: Sequence[Coordinate], columns: Columns) -> NDArray[np
     return np.stack(features, axis=1)
 
 
-def _placed(
+def _shapes_scaled_to_drawing(
     motion: LiveMotion, columns: Columns, runs: int
 ) -> tuple[list[float], float, list[tuple[Shape, NDArray[np.complex128]]]]:
     """Size and scale of the drawing, and its shapes with their points in it as x + i y.

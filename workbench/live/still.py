@@ -11,7 +11,7 @@ import numpy as np
 from cosim import Result
 
 from ..charts.model import Chart, Curve, Mark, Panel, Rows, Samples
-from ..charts.motion import FRAMES, Motion, Shape, rows, shifted
+from ..charts.motion import FRAMES, Motion, Shape, rows_nearest_to_times, shifted
 from ..dimensions import known_units
 from ..figure import Figure
 from ..formula import Formula
@@ -97,7 +97,7 @@ def moved(
         How many times, at most.
     """
     t = results[0]["time"]
-    picked = rows(t, max(first, float(t[0])), min(last, float(t[-1])), frames)
+    picked = rows_nearest_to_times(t, max(first, float(t[0])), min(last, float(t[-1])), frames)
     read = [Formula.read(x.value) for x in motion.captions]
     used = {x.column for x in motion.coordinates}.union(*(formula.names for formula in read))
     shapes, texts = list[Shape](), []

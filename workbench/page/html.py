@@ -79,7 +79,7 @@ def report(answer: Answer, path: Path) -> None:
         worker=_packed(live.worker.encode()) if live else "",
     )
     more = " 'wasm-unsafe-eval'; worker-src blob:" if live else ""
-    path.write_text(secured(text, mark, [_plotly()], more), encoding="utf-8")
+    path.write_text(with_content_policy(text, mark, [_plotly()], more), encoding="utf-8")
 
 
 def lines_with_signs(answer: Answer) -> Iterator[tuple[str, str, str]]:
@@ -102,7 +102,7 @@ def code(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(text))))
 
 
-def secured(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> str:
+def with_content_policy(text: str, mark: str, inserted: Sequence[bytes], more: str = "") -> str:
     """A page that runs its own scripts and no other.
 
     Parameters

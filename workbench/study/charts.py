@@ -52,7 +52,7 @@ def overview(
                 chart(f"Figures over {x}", _label(x, units), partial(_points, table, x))
                 for x in study.tolerances
             ),
-            chart("Spread of the figures", "runs below [%]", partial(spread, table)),
+            chart("Spread of the figures", "runs below [%]", partial(distribution_curve, table)),
         ]
     x = (grid or study.varied)[0]
     curve = partial(_line if len(study.varied) == 1 else _band, table, x)
@@ -100,7 +100,7 @@ def _points(table: pd.DataFrame, x: str, name: str) -> Curve:
     return Curve(name, table[x].to_numpy(), table[name].to_numpy(), "blue", "points")
 
 
-def spread(table: pd.DataFrame, name: str) -> Curve:
+def distribution_curve(table: pd.DataFrame, name: str) -> Curve:
     """A figure over the share of runs below it."""
     y = np.sort(table[name].dropna().to_numpy(dtype=float))
     return Curve(name, 100 * (np.arange(len(y)) + 0.5) / len(y), y, "blue", "step")

@@ -189,7 +189,7 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
             raise SetupError(f"{key} = {quoted(table)} must be a table [{key}]")
     if not isinstance(figures, list) or not all(isinstance(name, str) for name in figures):
         raise SetupError(f"figures = {quoted(figures)} must be a list of names")
-    _once("figures", figures)
+    _require_distinct("figures", figures)
     question = project.load(scenario, path.parent)
     read, units = _inputs(question, tables)
     for name, times in Counter(itertools.chain(*read.values())).items():
@@ -335,7 +335,7 @@ def _values(option: Option, spec: Any, key: str) -> list[Value]:
     values = [option.read(x, key) for x in spec]
     if not values:
         raise SetupError(f"{key} = [] must contain at least one value")
-    _once(key, values)
+    _require_distinct(key, values)
     return values
 
 
@@ -349,7 +349,7 @@ def _linked(_option: Option, spec: Any, key: str) -> Formula:
         ) from error
 
 
-def _once(key: str, values: Sequence[Value]) -> None:
+def _require_distinct(key: str, values: Sequence[Value]) -> None:
     """Refuse a value that a list names twice."""
     for x, times in Counter(values).items():
         if times > 1:

@@ -97,7 +97,12 @@ def with_tolerances(
                     if np.isfinite(y.value)
                 ]
                 panels.append(
-                    Panel(name, answer.figures[name].unit, [charts.spread(table, name)], marks)
+                    Panel(
+                        name,
+                        answer.figures[name].unit,
+                        [charts.distribution_curve(table, name)],
+                        marks,
+                    )
                 )
     chart = Chart(f"Scatter of {pluralize(len(table), 'machine')}", "machines below [%]", panels)
     first, *others = answer.verdict.splitlines()

@@ -52,7 +52,13 @@ from ..first_order import SETS, Machine
 from ..fitted_drive import DRIVE_QUANTITIES, IdentifiedDrive, figures
 from ..live_ripple import SLIDERS
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed, has_kloss_characteristic, linearised, require_torque
+from ..machine import (
+    conveyor_drive,
+    has_kloss_characteristic,
+    linearised,
+    machine_with_start_values,
+    require_torque,
+)
 from ..motion import moving
 from ..options import RippleOptions
 from ..orbit import DriveOrbit
@@ -90,7 +96,7 @@ class Identify(Question, RecordOptions, RippleOptions):
     def guess(self, context: Context) -> Guess:
         """Return the drive near the motion of the record."""
         record = self.columns(SPEED)
-        base = followed(context.fmus, SETS[self.set], self.start)
+        base = machine_with_start_values(context.fmus, SETS[self.set], self.start)
         w = record[SPEED].numbers(gaps=True)
         w = w * multiples("rad/s").get(record[SPEED].signal.unit, 1.0)
         nu = float(np.nanmean(w))

@@ -37,7 +37,14 @@ from workbench.study.charts import curves_over
 from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
 from ..first_order import SETS, Machine, Samples, flux_lag
-from ..machine import KLOSS, conveyor_drive, followed, kloss_slips, linearised, require_torque
+from ..machine import (
+    KLOSS,
+    conveyor_drive,
+    kloss_slips,
+    linearised,
+    machine_with_start_values,
+    require_torque,
+)
 from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..orbit import Drive, DriveOrbit, RippleGuide
@@ -117,7 +124,7 @@ class InductionMotor(Question, NameplateOptions):
             require_torque(found.machine, found.speeds_around_resonance)
             return found
 
-        followed(context.fmus, SETS["B"], start)
+        machine_with_start_values(context.fmus, SETS["B"], start)
         sheet = motor({})
         loads = [motor({"conveyor.trough.d": d}) for d in self.resistances]
         slips = [motor({"motor.kloss.s_b": s}) for s in self.slips]

@@ -33,7 +33,7 @@ from .. import motion
 from ..drive_orbits import ORBIT_ALGORITHMS, require_enough_steps_per_rev
 from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed
+from ..machine import conveyor_drive, machine_with_start_values
 from ..options import LINEAR_MOTOR_STARTS, speeds_of
 from ..orbit import MEANS, Drive
 from ..papers import cited
@@ -84,7 +84,10 @@ class MeanValues(Question):
         This replaces the single certified run, because the figures come from steady orbits at many speeds, and
         those of the step from several starts that are averaged.
         """
-        machine, drive = followed(context.fmus, SETS[self.set], self.start), Drive.of(context, self)
+        machine, drive = (
+            machine_with_start_values(context.fmus, SETS[self.set], self.start),
+            Drive.of(context, self),
+        )
         nus = self.speeds or speeds_of(SPEEDS[self.set])
         operating = self.speed or float(machine.nu_res)
         for nu in (*nus, operating):
@@ -101,7 +104,7 @@ class MeanValues(Question):
             if torque.error is None:  # nothing that the mean speed could settle at
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
-            compared(at) | figures,
+            figures_against_no_ripple(at) | figures,
             MeanData(machine, drive, operating, table, step_response),
             conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
             communication=f"{self.steps_per_rev} steps per revolution",
@@ -160,7 +163,7 @@ class MeanData(NamedTuple):
         return bool(mean[-1] > self.operating and np.argmax(mean) == len(mean) - 1)
 
 
-def compared(at: Mapping[str, Figure]) -> dict[str, Figure]:
+def figures_against_no_ripple(at: Mapping[str, Figure]) -> dict[str, Figure]:
     """The means at the operating speed, and how far they are from those without ripple."""
     all_figures = {name: at[name] for name in ("speed", "angle", "torque")}
     plain, above = at["torque_plain"].value, "mean torque above that"

@@ -174,12 +174,12 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         refused = refusals(context.fmus, machines)
         for k, (question, machine, why) in enumerate(zip(questions, machines, refused)):
             try:
-                plan = planned(question, machine, why)
+                plan = plan_sweep(question, machine, why)
                 batches.setdefault(plan.batch, {})[k] = plan
             except SetupError as error:
                 found[k] = error
         for plans in batches.values():
-            found |= zip(plans, solved(context, list(plans.values())))
+            found |= zip(plans, solve_sweeps(context, list(plans.values())))
         return [found[k] for k in range(len(questions))]
 
     def judgements(self, f: Mapping[str, Figure], r: ResonanceData) -> list[Judgement]:
@@ -283,7 +283,7 @@ class ResonanceData:
         return linearised(self.base, nu)
 
 
-def planned(o: Resonance, base: Machine, why: str) -> SweepPlan:
+def plan_sweep(o: Resonance, base: Machine, why: str) -> SweepPlan:
     """Return how the machine of a question is swept.
 
     Raises SetupError for a machine that is refused, which says why, and for settings that cannot give an answer.
@@ -302,7 +302,7 @@ def planned(o: Resonance, base: Machine, why: str) -> SweepPlan:
     return SweepPlan(o, base, speeds, speed)
 
 
-def solved(context: Context, plans: Sequence[SweepPlan]) -> Iterator[Findings]:
+def solve_sweeps(context: Context, plans: Sequence[SweepPlan]) -> Iterator[Findings]:
     """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
     drive = Drive.of(context, plans[0].question)
     every = [np.array(sorted({*plan.speeds, plan.speed})) for plan in plans]

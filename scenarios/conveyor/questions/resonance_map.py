@@ -41,7 +41,7 @@ from .. import motion
 from ..drive_orbits import require_enough_steps_per_rev
 from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed
+from ..machine import conveyor_drive, machine_with_start_values
 from ..options import RippleOptions
 from ..orbit import Drive
 from ..papers import cited
@@ -129,7 +129,7 @@ class ResonanceMap(Question, RippleOptions):
 
         Raises cosim.SetupError for settings that cannot give an answer.
         """
-        plane, within = planned(self, context)
+        plane, within = plan_map(self, context)
         spread = shares(context.fmus, "tolerance", self.tolerance, TOLERANCES)
         if self.samples & (self.samples - 1):
             raise SetupError(f"samples = {self.samples} must be a power of 2, at least 2")
@@ -296,13 +296,15 @@ def chart_of_rows(r: Map) -> Chart:
     return chart._replace(log=r.plane.y.log)
 
 
-def planned(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
+def plan_map(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
     across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
     if across.quantity == up.quantity:
         raise SetupError(f"--x and --y are both {up.quantity}")
     check_fixed_starts(o.start, (across.quantity, up.quantity))
-    plane = Plane(across, up, followed(context.fmus, SETS[o.set], o.start), o.speed or FIXED)
+    plane = Plane(
+        across, up, machine_with_start_values(context.fmus, SETS[o.set], o.start), o.speed or FIXED
+    )
     if across.quantity != SPEED_NAME:
         if o.range is not None:
             raise SetupError("--range is for maps whose x is the speed")

@@ -47,7 +47,7 @@ from .. import motion
 from ..drive_orbits import require_enough_steps_per_rev
 from ..first_order import NODE_ANGLES, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
-from ..machine import conveyor_drive, followed
+from ..machine import conveyor_drive, machine_with_start_values
 from ..options import RippleOptions, by_set
 from ..orbit import OPERATING, Drive
 from ..papers import cited
@@ -100,7 +100,7 @@ class RodForce(Question, RippleOptions):
             if len(values) < FEWEST:
                 raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
         present, nu = (
-            followed(context.fmus, SETS[self.set], self.start),
+            machine_with_start_values(context.fmus, SETS[self.set], self.start),
             self.speed or OPERATING[self.set],
         )
         system = conveyor_drive(context.fmus, present.start(nu))

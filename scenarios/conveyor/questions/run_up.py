@@ -43,7 +43,7 @@ from workbench.steady import TURN
 
 from .. import live_theory
 from ..first_order import SETS, Machine
-from ..machine import KLOSS, conveyor_drive, followed
+from ..machine import KLOSS, conveyor_drive, machine_with_start_values
 from ..machine import PARTS as DRIVE
 from ..motion import live_motion, moving
 from ..options import NameplateOptions
@@ -151,7 +151,7 @@ class RunUp(Question, NameplateOptions, RunOptions):
 
     def system(self, fmus: Mapping[str, Path]) -> dict[str, System]:
         """Return the drive at rest with each motor, the linear one set for its mean speed."""
-        machine = followed(fmus, SETS[self.set], self.start)
+        machine = machine_with_start_values(fmus, SETS[self.set], self.start)
         rest = {"motor.tau": 0.0, "conveyor.w": 0.0}
         return {
             motor: conveyor_drive(

@@ -41,7 +41,7 @@ from ...conveyor.first_order import SETS
 from ...iron import machine as iron
 from ...orientator import machine as orientator
 from .. import line, motion
-from ..line import I_G, POWERS, WIRES, supplied
+from ..line import I_G, POWERS, WIRES, add_supply_power
 from ..power import (
     HIGHEST,
     MEASURED,
@@ -96,7 +96,7 @@ class PackingLine(Question, RunOptions):
 
     def process(self, r: Result) -> Result:
         """Return the run with the power of the supply."""
-        return supplied(r)
+        return add_supply_power(r)
 
     def figures(self, r: Result) -> dict[str, Figure]:
         """Return counts of products, and pace and powers of the last cycles."""
