@@ -259,12 +259,13 @@ def force_over_speed(r: ClassicalComparison, nu: Any) -> Panel:
 def error_chart(r: ClassicalComparison, marks: Sequence[Mark]) -> Chart:
     """Return the errors of both calculations over the speed."""
     panels = {
-        f"error {LOAD_TEXTS[method]}": {f"{method}_{load}": x.name for load, x in LOADS.items()}
+        f"error {LOAD_TEXTS[method]}": {
+            f"{method}_{load}": (x.name, x.color, "linked") for load, x in LOADS.items()
+        }
         for method in STYLES
     }
-    chart = curves_over(r.table, "nu", panels, "Errors of both classical calculations", marks)
     levels = [Mark(s * r.tolerance, f"{s * r.tolerance:+g} %") for s in (1, -1)]
-    with_levels = [
-        panel._replace(levels=levels) for panel in chart.panels if isinstance(panel, Panel)
-    ]
-    return chart._replace(panels=with_levels, second=RPM)
+    title, x = "Errors of both classical calculations", "operating speed [rad/s]"
+    return curves_over(
+        r.table, "nu", panels, title, marks=marks, levels=dict.fromkeys(panels, levels), x=x
+    )

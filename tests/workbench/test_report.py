@@ -190,7 +190,7 @@ CLAIMS = {
         "classical",
     ): "torque ripple: co-simulation = tau2; speed ripple: co-simulation = w2; "
     "largest rod force: co-simulation = f_rod_peak; "
-    "error, spring and inertia: speed ripple = whole_speed",
+    "error with spring and inertia: speed ripple = whole_speed",
     ("induction_motor", ""): "speed of 90 deg lag: full characteristic = nu_kloss; "
     "damping ratio: formula = zeta; torque ripple: linear motor = tau2_linear",
     ("iron_cycle", ""): "lift: lift = iron.lift; forces: chain at the link = iron.T_span",

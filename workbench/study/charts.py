@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,20 @@ import numpy.typing as npt
 import pandas as pd
 
 from ..answer import Table
-from ..charts.model import SERIES, Chart, Curve, GridAxis, HeatMap, Look, Mark, Panel, Picture
+from ..charts.model import (
+    SERIES,
+    Chart,
+    Curve,
+    CurveLook,
+    GridAxis,
+    HeatMap,
+    Look,
+    Mark,
+    NamedLook,
+    Panel,
+    Picture,
+    SecondUnit,
+)
 from .file import Study
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
@@ -108,23 +123,54 @@ def distribution_curve(table: pd.DataFrame, name: str) -> Curve:
 
 def curves_over(
     table: Table,
-    x: str,
-    panels: Mapping[str, Mapping[str, str]],
+    over: str,
+    panels: Mapping[str, Mapping[str, CurveLook]],
     title: str,
-    marks: Sequence[Mark] = (),
+    *,
+    theory: Table | None = None,
+    levels: Mapping[str, Sequence[Mark]] = MappingProxyType({}),
+    **more: Any,
 ) -> Chart:
-    """Return columns of a table over another one, as points where they have errors: what each is, by quantity and column."""
+    """Return columns of a table over another one, as points where they have errors.
+
+    Parameters
+    ----------
+    table
+        The columns; those with errors are points.
+    over
+        The column on the axis; one in rad/s has rpm as its second unit.
+    panels
+        By quantity and column what each is: a text, which may have a colour and a look.
+    title
+        The title of the chart.
+    theory
+        Columns at more places, drawn as theory in place of those of the table.
+    levels
+        Those of panels by their quantity.
+    more
+        Further fields of the chart, such as its marks and the label `x` of its axis.
+    """
     of_panels = []
     for quantity, names in panels.items():
         curves = []
         for (name, text), color in zip(names.items(), SERIES):
-            error = table.columns.get(f"{name}{ERROR}")
-            look: Look = (
-                ("line" if len(table) > MOST_LINKED else "linked") if error is None else "points"
-            )
-            curves.append(Curve(text, table.columns[x], table.columns[name], color, look, error))
-        of_panels.append(Panel(quantity, table.units[next(iter(names))], curves))
-    return Chart(title, _label(x, table.units), of_panels, marks)
+            source = theory if theory and name in theory.columns else table
+            error = source.columns.get(f"{name}{ERROR}")
+            look: Look = "line" if len(source) > MOST_LINKED else "linked"
+            look = "theory" if source is theory else look if error is None else "points"
+            given = (text,) if isinstance(text, str) else text
+            named = NamedLook.of((*given, *(color, look)[len(given) - 1 :]), quantity)
+            curves.append(
+                Curve(
+                    named.name, source.columns[over], source.columns[name], named.color, named.look,
+                    None if named.look == "theory" else error,
+                )
+            )  # fmt: skip
+        unit = table.units[next(iter(names))]
+        of_panels.append(Panel(quantity, unit, curves, levels.get(quantity, ())))
+    second = SecondUnit("rpm", 30.0 / math.pi) if table.units[over] == "rad/s" else None
+    label = _label(over, table.units)
+    return Chart(title, label, of_panels, second=second)._replace(**more)
 
 
 def heat_map(

@@ -28,6 +28,7 @@ from workbench import (
     Table,
     option,
 )
+from workbench.charts.model import CurveLook
 from workbench.figure import figure_of_figures
 from workbench.find import Find, find
 from workbench.orbits import STEP_MULTIPLES, measured
@@ -61,12 +62,13 @@ GUIDE_SPEEDS = 5
 #: Supply frequency where nothing is said [Hz].
 SUPPLY = 50.0
 MOTORS = {"linear": "linear motor", "kloss": "full characteristic"}
-LAGS = {
+LAGS: dict[str, dict[str, CurveLook]] = {
     "speed of 90 deg lag": {
         **{f"nu_{x}": text for x, text in MOTORS.items()},
-        "nu_res": "formula (22), slope at the slip", "nu_flux": "rotor flux instead of (2)",
+        "nu_res": ("formula (22), slope at the slip", "grey", "theory"),
+        "nu_flux": ("rotor flux instead of (2)", "black", "theory"),
     },
-    "damping ratio": {"zeta": "formula"},
+    "damping ratio": {"zeta": ("formula", "green")},
 }  # fmt: skip
 COLUMNS = {
     "resistance": "N.s/m", "breakdown_slip": "1", "load": "N.m", "slip": "1", "slope": "N.m.s/rad",
@@ -178,27 +180,39 @@ class InductionMotor(Question, NameplateOptions):
 
     def show(self, f: Mapping[str, Figure], r: MotorData) -> Show:
         """What load and breakdown slip do, ripple and lag over the speed, a revolution at the resonance."""
-        parts = {"load": slice(1, r.loads + 1), "breakdown_slip": slice(r.loads + 1, None)}
+        parts = {
+            "load": (slice(1, r.loads + 1), "mean load torque at the resonance [N.m]"),
+            "breakdown_slip": (slice(r.loads + 1, None), "breakdown slip [1]"),
+        }
         charts = [
             curves_over(
                 Table.of_frame(r.table.frame[rows].sort_values(x), r.table.units),
                 x,
                 LAGS,
                 f"The 90 degree lag over the {x.replace('_', ' ')}",
+                x=label,
             )
-            for x, rows in parts.items()
+            for x, (rows, label) in parts.items()
         ]
         marks = [
             Mark.of(text, f[f"nu_{x}"])
             for x, text in MOTORS.items()
             if f[f"nu_{x}"].error is not None
         ]
-        ripples = {
-            quantity: {f"{name}_{x}": text for x, text in MOTORS.items()}
+        ripples: dict[str, dict[str, CurveLook]] = {
+            quantity: {
+                **{f"{name}_{x}": text for x, text in MOTORS.items()},
+                name: ("first-order theory", "grey"),
+            }
             for name, quantity in (("tau2", "torque ripple"), ("lag", "lag behind the load"))
         }
         title = "The full characteristic and a linear motor of its slope"
-        charts.append(curves_over(r.speeds, "nu", ripples, title, marks))
+        charts.append(
+            curves_over(
+                r.speeds, "nu", ripples, title, marks=marks, theory=first_order_theory(r.motor),
+                levels={"lag behind the load": [Mark(90.0, "90 deg")]}, x="operating speed [rad/s]",
+            )
+        )  # fmt: skip
         return Show(charts, *motion.revolution(r.drive, r.motor.tangent, r.motor.nu_res))
 
 
@@ -313,6 +327,17 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
             columns |= zip(names, (sweep.columns[x], sweep.columns[f"{x}_error"]))
             units |= dict.fromkeys(names, unit)
     return Table(columns, units)
+
+
+def first_order_theory(motor: Motor) -> Table:
+    """Ripple and lag over the speed by first-order theory, with the slope at the resonance."""
+    first, last = motor.speeds_around_resonance[[0, -1]]
+    nu = np.linspace(first, last, CURVE_POINTS)
+    machine = motor.tangent
+    torque = machine.torque_ripple(nu)
+    lag = np.degrees(np.angle(machine.load_ripple(nu) / torque)) % 360.0
+    units = {"nu": "rad/s", "tau2": "N.m", "lag": "deg"}
+    return Table({"nu": nu, "tau2": np.abs(torque), "lag": lag}, units)
 
 
 def sheet_figures(motor: Motor, kloss: Figure, line: Figure) -> dict[str, Figure]:

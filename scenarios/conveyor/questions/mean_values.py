@@ -25,6 +25,7 @@ from workbench import (
     Table,
     option,
 )
+from workbench.charts import model as colors
 from workbench.figure import figure_of_figures
 from workbench.orbits import table_of
 from workbench.study.charts import curves_over
@@ -37,24 +38,35 @@ from ..machine import conveyor_drive, machine_with_start_values
 from ..options import LINEAR_MOTOR_STARTS, speeds_of
 from ..orbit import MEANS, Drive
 from ..papers import cited
+from ..second_order import means
 from ..speed_sweep import SPEEDS
 from ..step_response import DRIFT, STARTS, drifts
 
 TABLE, STEP_TABLE = "mean_values.csv", "drift.csv"
 #: What is drawn of both tables.
 ABOVE = {
-    quantity: {f"{x}{end}": f"{text}, {kind}" for x, text in names.items() for end, kind in (("", "co-simulation"), ("_theory", "second-order theory"))}
+    quantity: {
+        f"{x}{end}": (f"{text}, {kind}", color)
+        for x, (text, color) in names.items()
+        for end, kind in (("_theory", "second-order theory"), ("", "co-simulation"))
+    }
     for quantity, names in (
-        ("mean torque above formula (24)", {"torque": "with ripple"}),
-        ("mean speed above nominal", {"speed": "over time", "angle": "over the angle"}),
+        ("mean torque", {"torque": ("with ripple", colors.TORQUE)}),
+        ("mean speed above nominal",
+         {"speed": ("over time", colors.SPEED), "angle": ("over the angle", "sky")}),
         ("power above that without ripple",
-         {"supply": "from the supply", "motor": "heat in the motor", "trough": "into the trough"}),
+         {"supply": ("from the supply", colors.POWER), "motor": ("heat in the motor", colors.TORQUE),
+          "trough": ("into the trough", "green")}),
     )
 }  # fmt: skip
+ABOVE["mean torque"]["torque_plain"] = ("without ripple, formula (24)", colors.THEORY)
 STEP_CURVES = {
-    "w": "one of the starts", "mean": f"mean of {STARTS} starts", "mean_16": "settling formula (16)",
-    "mean_whole": "with the term it neglects",
+    "w": ("one of the starts", "sky"), "mean": (f"mean of {STARTS} starts", colors.SPEED),
+    "mean_16": ("settling formula (16)", colors.TORQUE, "theory"),
+    "mean_whole": ("with the term it neglects", "black", "theory"),
 }  # fmt: skip
+#: Speeds of a curve of theory; chosen: more than a screen shows.
+CURVE_SPEEDS = 400
 #: Band of a settled step response [%], by which textbooks of control define its settling time.
 SETTLED = 2.0
 
@@ -141,7 +153,15 @@ class MeanValues(Question):
         at = Mark(r.operating, f"operating speed {r.operating:g} rad/s")
         title = f"Mean speed after the supply is raised for {r.operating:g} rad/s"
         charts = [
-            curves_over(above_plain(r.means), "nu", ABOVE, "Means over the speed", [at]),
+            curves_over(
+                above_plain(r.means),
+                "nu",
+                ABOVE,
+                "Means over the speed",
+                marks=[at],
+                theory=above_plain(r.theory),
+                x="nominal mean speed [rad/s]",
+            ),
             curves_over(r.step_response, "time", {"crank speed": STEP_CURVES}, title),
         ]
         return Show(charts, *motion.revolution(r.drive, r.machine, r.operating))
@@ -155,6 +175,17 @@ class MeanData(NamedTuple):
     operating: float
     means: Table
     step_response: Table
+
+    @property
+    def theory(self) -> Table:
+        """The means by theory between the speeds of the table."""
+        first, last = self.means.columns["nu"][[0, -1]]
+        nu = np.linspace(first, last, CURVE_SPEEDS)
+        columns = {"nu": nu}
+        for end, ripple in (("_theory", True), ("_plain", False)):
+            of_theory = means(self.machine, nu, ripple=ripple)._asdict()
+            columns |= {f"{name}{end}": x + 0.0 * nu for name, x in of_theory.items()}
+        return Table(columns, self.means.units)
 
     @property
     def still_rises(self) -> bool:
@@ -190,10 +221,10 @@ def figures_against_no_ripple(at: Mapping[str, Figure]) -> dict[str, Figure]:
 
 
 def above_plain(table: Table) -> Table:
-    """Return the table less the means without ripple."""
+    """Return the table less the means without ripple, but for the torque."""
     columns = {
         name: x
-        if name == "nu" or name.endswith("_error")
+        if name.startswith(("nu", "torque")) or name.endswith("_error")
         else x - table.columns[f"{name.partition('_')[0]}_plain"]
         for name, x in table.columns.items()
     }

@@ -30,7 +30,7 @@ from workbench import (
     Table,
     option,
 )
-from workbench.charts.model import GridAxis, HeatMap, Level, Span
+from workbench.charts.model import CurveLook, GridAxis, HeatMap, Level, NamedLook, Span
 from workbench.find import Find, LineSearch, search
 from workbench.options import check_fixed_starts
 from workbench.orbits import STEP_MULTIPLES, Motions, orbit_figure
@@ -86,9 +86,11 @@ SOUGHT: tuple[tuple[str, float | str], ...] = (("lag", 90.0), ("tau2", "largest"
 #: Probability up to which nearly all machines stay clear; a convention.
 SURE = 0.01
 NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
-RIDGE_NAMES = {
-    "formula": "formula (22)", "lag_90": "90 deg lag", "peak": "largest torque ripple",
-}  # fmt: skip
+RIDGE_LOOKS = {
+    "formula": NamedLook("formula (22)", "grey", "theory"),
+    "lag_90": NamedLook("90 deg lag", "sky", "points"),
+    "peak": NamedLook("largest torque ripple", "red", "points"),
+}
 RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theory")
 RANGES = ("ripple_in_range", "probability_in_range")
 
@@ -263,8 +265,8 @@ def maps(r: Map, limit: float) -> list[HeatMap]:
     """The gain and the probability of too much ripple, with ridges, the line of the limit [N.m] and the operating range."""
     grid, y = [r.plane.x.quantity, r.plane.y.quantity], r.rows[r.plane.y.quantity].to_numpy()
     curves = [
-        Curve(text, r.rows[name].to_numpy(), y, color, "theory" if name == "formula" else "points")
-        for (name, text), color in zip(RIDGE_NAMES.items(), ("grey", "sky", "red"))
+        Curve(look.name, r.rows[name].to_numpy(), y, look.color, look.look)
+        for name, look in RIDGE_LOOKS.items()
         if r.rows[name].notna().any()
     ]
     ripple = r.field("ripple")
@@ -283,13 +285,13 @@ def maps(r: Map, limit: float) -> list[HeatMap]:
 
 def chart_of_rows(r: Map) -> Chart:
     """The ridges of every row; where there is an operating range, its ripple and probability."""
-    panels = {r.plane.x.quantity: RIDGE_NAMES}
+    panels: dict[str, Mapping[str, CurveLook]] = {r.plane.x.quantity: RIDGE_LOOKS}
     title = "The ridges"
     if r.within:
         title = f"Anywhere in {r.within[0]:g} to {r.within[1]:g} rad/s"
         panels = {
             "share of machines above the limit": {"probability_in_range": "all parts within tolerance"},
-            "largest torque ripple": {"ripple_in_range": "nominal machine"},
+            "largest torque ripple": {"ripple_in_range": ("nominal machine", "red")},
             **panels,
         }  # fmt: skip
     chart = curves_over(Table.of_frame(r.rows, r.units), r.plane.y.quantity, panels, title)

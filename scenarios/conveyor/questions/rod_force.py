@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from cosim import SetupError
@@ -30,7 +31,7 @@ from workbench import (
     option,
 )
 from workbench.answer import parameters
-from workbench.charts.model import Curve, HeatMap, Level, Picture
+from workbench.charts.model import Curve, CurveLook, HeatMap, Level, Picture
 from workbench.judgement import Holds
 from workbench.orbits import (
     PEAK_ORDER,
@@ -67,6 +68,9 @@ Real = NDArray[np.float64]
 TABLE = "rod_force.csv"
 FAR = "it lies far from that of formula (17)"
 SPRINGS = {"": "machine's spring", "_unloaded": "spring that unloads the rod"}
+SPRING_COLORS = ("red", "blue")
+#: Speeds of a curve of theory; chosen: more than the eye tells apart.
+CURVE_SPEEDS = 100
 COLUMNS = {
     "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
@@ -182,7 +186,7 @@ class RodForce(Question, RippleOptions):
         best = list(r.machines.values())[-1]
         pictures: list[Picture] = [
             over_angle(r),
-            *over_speed(r),
+            over_speed(r),
             *maps(r, self.torque_ripple_limit),
         ]
         return Show(pictures, *motion.revolution(r.drive, best, r.speed))
@@ -294,35 +298,47 @@ def over_angle(r: RodForceData) -> Chart:
     """The rod force over the crank angle at the operating speed with each spring: formula, theory, co-simulation."""
     step = len(NODE_ANGLES) // ORBIT_ANGLES
     columns, panels = {"crank angle": np.degrees(NODE_ANGLES[::step])}, {}
-    for name, machine in r.machines.items():
+    for (name, machine), color in zip(r.machines.items(), SPRING_COLORS):
         for key, kind in (("formula", True), ("theory", False)):
             wave = waveform(machine, r.length, r.speed, at_constant_speed=kind)
             columns[f"{key}{name}"] = wave[::step]
         columns[f"orbit{name}"] = r.operating[name].motions.turn[ROD_FORCE][0, 0]
         panels[f"rod force, {1e-3 * machine.c:.4g} kN/m"] = {
-            f"formula{name}": "constant speed, formula (17)",
-            f"theory{name}": "with the speed ripple",
-            f"orbit{name}": "co-simulation",
+            f"formula{name}": ("constant speed, formula (17)", "grey", "theory"),
+            f"theory{name}": ("with the speed ripple", "green"),
+            f"orbit{name}": ("co-simulation", color, "points"),
         }
     table = Table(columns, {"crank angle": "deg"} | dict.fromkeys([*columns][1:], "N"))
     title = f"Rod force over a revolution at {r.speed:g} rad/s"
     return curves_over(table, "crank angle", panels, title)
 
 
-def over_speed(r: RodForceData) -> list[Chart]:
-    """Rod force and torque ripple over the speed with each spring."""
-    panels = {
-        "largest rod force": {"f_rod_peak": "co-simulation", "f_rod_formula": "formula (17)"},
-        "torque ripple": {"tau2": "co-simulation", "tau2_theory": "first-order theory"},
-    }
+def over_speed(r: RodForceData) -> Chart:
+    """Rod force and torque ripple over the speed with each spring, and theory."""
+    nus = np.array(r.sweeps[""].speeds)
+    columns, units = {"nu": nus}, {"nu": "rad/s"}
+    fine = {"nu": np.linspace(nus[0], nus[-1], CURVE_SPEEDS)}
+    panels: dict[str, dict[str, CurveLook]] = {"largest rod force": {}, "torque ripple": {}}
+    for (name, machine), color in zip(r.machines.items(), SPRING_COLORS):
+        force = [peak(waveform(machine, r.length, nu)) for nu in fine["nu"].tolist()]
+        ripple = np.abs(machine.torque_ripple(fine["nu"]))
+        found = r.sweeps[name].motions.columns
+        for names, x, theory in zip(panels.values(), ("f_rod_peak", "tau2"), (force, ripple)):
+            key, line = f"{x}{name}", f"{x}{name}_theory"
+            columns[key], units[line], fine[line] = (
+                found[x].steps[0],
+                found[x].unit,
+                np.array(theory),
+            )
+            names |= {
+                line: (f"theory, {SPRINGS[name]}", color),
+                key: (SPRINGS[name], color, "points"),
+            }
     marks = [Mark(r.speed, f"operating speed {r.speed:g} rad/s"), resonance_mark(r)]
-    charts = []
-    for name, sweep in r.sweeps.items():
-        found = {x: sweep.motions.columns[x] for names in panels.values() for x in names}
-        columns = {"nu": np.array(sweep.speeds), **{x: y.steps[0] for x, y in found.items()}}
-        table = Table(columns, {"nu": "rad/s", **{x: y.unit for x, y in found.items()}})
-        charts.append(curves_over(table, "nu", panels, f"With the {SPRINGS[name]}", marks))
-    return charts
+    title, x = "Rod force and torque ripple over the speed", "operating speed [rad/s]"
+    return curves_over(
+        Table(columns, units), "nu", panels, title, marks=marks, theory=Table(fine, units), x=x
+    )
 
 
 def resonance_mark(r: RodForceData) -> Mark:
@@ -333,22 +349,32 @@ def resonance_mark(r: RodForceData) -> Mark:
 
 def maps(r: RodForceData, limit: float) -> list[HeatMap]:
     """Rod force and torque ripple over speed and spring, with formula (17), and the limit of the torque ripple [N.m]."""
-    frame = r.table.frame
-    ripple, nu = frame["tau2"].where(frame["tau2"] > 0.0), frame["nu"].unique()
-    frame = frame.assign(tau2=ripple, f_rod=frame["f_rod"].where(frame["f_rod"] > 0.0))
-    formula = r.machines[""].m * nu**2
-    inside = (frame["c"].min() <= formula) & (formula <= frame["c"].max())
+    speed, spring, force = "operating speed", "stiffness of the spring", "largest rod force"
+    table, ripple = r.table.frame, "torque ripple"
+    frame = pd.DataFrame(
+        {
+            speed: table["nu"],
+            spring: 1e-3 * table["c"],
+            force: 1e-3 * table["f_rod"],
+            ripple: table["tau2"],
+        }
+    )
+    frame = frame.where(frame > 0.0)
+    units = {speed: "rad/s", spring: "kN/m", force: "kN", ripple: "N.m"}
+    nu = np.linspace(frame[speed].min(), frame[speed].max(), CURVE_SPEEDS)
+    formula = 1e-3 * r.machines[""].m * nu**2
+    inside = (frame[spring].min() <= formula) & (formula <= frame[spring].max())
     curves = [
         Curve("formula (17)", nu[inside], formula[inside], "sky", "theory"),
         *(
-            Curve(SPRINGS[name], [r.speed], [machine.c], color, "points")
-            for (name, machine), color in zip(r.machines.items(), ("red", "blue"))
+            Curve(SPRINGS[name], [r.speed], [1e-3 * machine.c], color, "points")
+            for (name, machine), color in zip(r.machines.items(), SPRING_COLORS)
         ),
     ]
-    reached = ripple.min() < limit < ripple.max()
+    reached = frame[ripple].min() < limit < frame[ripple].max()
     level = [Level(limit, f"torque ripple of {limit:g} N.m")] if reached else []
     return [
-        heat_map(frame, ["nu", "c"], name, r.table.units, title=title, curves=curves, log=True,
+        heat_map(frame, [speed, spring], name, units, title=name.capitalize(), curves=curves, log=True,
                  marks=[resonance_mark(r)], levels=levels)
-        for name, title, levels in (("f_rod", "Largest rod force", []), ("tau2", "Torque ripple", level))
+        for name, levels in ((force, []), (ripple, level))
     ]  # fmt: skip
