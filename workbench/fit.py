@@ -228,7 +228,9 @@ def noise(system: System, text: str) -> tuple[str, float]:
     unit = connect(system).port(name).unit
     if math.isnan(number := in_unit(value, unit)):
         units = " or ".join(multiples(unit))
-        raise SetupError(f"noise {text!r} must read NAME=NUMBER, in {units}")
+        raise SetupError(
+            f"noise {text!r} must read NAME=NUMBER, the number in {units}, or without a unit in {unit}"
+        )
     return name, number
 
 

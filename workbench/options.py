@@ -191,9 +191,9 @@ class Option:
         if math.isfinite(value) and all(HOLDS[word](value, x) for word, x in self.bounds.items()):
             return value
         unit = unit_suffix(self.unit)
-        limits = " and ".join(f"{word} {bound:g}{unit}" for word, bound in self.bounds.items())
+        limits = " and ".join(f"{word} {bound:.10g}{unit}" for word, bound in self.bounds.items())
         raise SetupError(
-            f"{key} = {value:g}{unit} must be {TYPE_NAMES[self.kind]} {limits}".rstrip()
+            f"{key} = {value:.7g}{unit} must be {TYPE_NAMES[self.kind]} {limits}".rstrip()
         )
 
 

@@ -158,10 +158,7 @@ class Setup:
         span = settings.stop - settings.start
         if not isinstance(settings.step, Adaptive):
             if settings.step > span * (1.0 + LEFT_OVER):
-                yield (
-                    f"step = {settings.step!r} s must be at most the time from start to stop: "
-                    f"write step={span!r}"
-                )
+                yield f"step = {settings.step!r} s must be at most the time from start to stop, {span!r} s"
             yield from self._times_where_no_step_ends()
         for text in network.system.changes:
             time, _, _ = parse_change(text)

@@ -61,7 +61,7 @@ SETTINGS: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({"stop": None}, "stop = None must be a number"),
     "rows": ({"output_step": "10ms"}, "output_step = '10ms' must be a number of seconds: write output_step=0.01"),
     "tolerance": ({"tolerance": "1e-6"}, "tolerance = '1e-6' must be a number"),
-    "a long step": ({"step": 2.0, "stop": 0.5}, "step = 2.0 s must be at most the time from start to stop: write step=0.5"),
+    "a long step": ({"step": 2.0, "stop": 0.5}, "step = 2.0 s must be at most the time from start to stop, 0.5 s"),
     "record": ({"record": "m.tau,m.P"}, "record must be a sequence of names: write ['m.tau', 'm.P']"),
     "order": ({"order": "m"}, "order must be a sequence of names: write ['m']"),
     "substeps": ({"substeps": {"m": 2.5}}, "substeps of m = 2.5 must be a whole number"),
