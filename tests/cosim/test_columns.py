@@ -297,11 +297,7 @@ def _errors_over_stated(seed: int, folder: Path) -> dict[str, float]:
     } | {name: nan for name, figure in got.figures.items() if "same steps" in figure.reason}
 
 
-#: Control cannot shorten a step that ends at the next jump, and an output with feedthrough shows the mean of its input
-#: over that step: the same in all three runs.
-BEFORE_A_JUMP = pytest.mark.xfail(reason="the last step before a jump is the same in all runs")
 MARKS = {n: [pytest.mark.slow] for n in range(12, 60)}
-MARKS[30] = [pytest.mark.slow, BEFORE_A_JUMP]
 
 
 @pytest.mark.parametrize("seed", [pytest.param(n, marks=MARKS.get(n, [])) for n in range(60)])
