@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from .dense import Array, Curves, Polynomials, ends_and_turns
 from .errors import SetupError
 from .names import only
 from .series import Column, Kind
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 TURN = 2.0 * math.pi
 #: Gauss points of each polynomial in the integral of a harmonic: derived, four are exact up to degree 7, so
@@ -66,10 +69,10 @@ class TurnMean:
         first_end = phi[0] + TURN
         if len(t) <= 1 or not phi[-1] > first_end:
             return None
-        time_of = Curves(phi, t[None], gaps=np.zeros((1, len(t) - 1), dtype=bool))
+        time_of = spline(phi, t)
         later = phi > first_end
-        ends = np.concatenate([time_of(np.array([first_end]))[0], t[later]])
-        begun = time_of(np.concatenate([[first_end], phi[later]]) - TURN)[0]
+        ends = np.concatenate([time_of([first_end]), t[later]])
+        begun = time_of(np.concatenate([[first_end], phi[later]]) - TURN)
         means = (_integral_until(curve, ends) - _integral_until(curve, begun)) / (ends - begun)
         return Curves(ends, means[None])
 
@@ -714,3 +717,10 @@ def harmonics(phi: Array, x: Array, highest: int = HIGHEST_ORDER) -> NDArray[np.
     design = np.hstack([np.ones((len(phi), 1)), turned.imag, turned.real])
     fit = np.linalg.solve(design.T @ design, design.T @ x)
     return np.asarray(fit[1 : highest + 1] + 1j * fit[highest + 1 :])
+
+
+def spline(t: Array, x: Array) -> CubicSpline:
+    """Imported where it is needed, since that takes longer than most runs."""
+    from scipy.interpolate import CubicSpline
+
+    return CubicSpline(t, x)

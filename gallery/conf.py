@@ -18,7 +18,6 @@ myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
 autodoc_default_options = {"members": True, "member-order": "bysource"}
-autodoc_preserve_defaults = True
 autodoc_typehints_format = "short"
 # Packages offer an object under several names, such as workbench.Table and workbench.answer.Table.
 suppress_warnings = ["ref.python"]

@@ -103,6 +103,8 @@ class March:
                 block.move()
             for output in self._jumps.outputs:
                 output.add(self.instance.row(time))
+            if self._grid is not None:
+                self._grid.flush()
             self.t = time
 
     def statistics(self) -> dict[str, Any]:
