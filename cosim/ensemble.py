@@ -60,7 +60,7 @@ class Cases:
                 f"{type(cases).__name__}; a run that begins with a state is one by itself: write run(Case(begin=state)), or so many: write map(2, begin=state)"
             )
         ports = tuple(network.port(str(name)) for name in cases)
-        columns = tuple(np.asarray(cases[name]) for name in cases)
+        columns = tuple(_column(cases[name]) for name in cases)
         lengths = {str(port.name): column.shape for port, column in zip(ports, columns)}
         if len(set(lengths.values())) != 1 or any(len(shape) != 1 for shape in lengths.values()):
             text = ", ".join(f"{name} {shape}" for name, shape in lengths.items()) or "none"
@@ -127,6 +127,12 @@ class Facts(NamedTuple):
     provenance: Mapping[str, Any]
     breaks: Array
     shown: Mapping[str, Sequence[tuple[str, str]]]
+
+
+def _column(values: Any) -> NDArray[Any]:
+    """Start values as an array; a Boolean among numbers stays one, so that it is refused."""
+    is_mixed = not isinstance(values, np.ndarray) and any(isinstance(x, bool) for x in values)
+    return np.asarray(values, dtype=object if is_mixed else None)
 
 
 @dataclass(frozen=True)

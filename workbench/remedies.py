@@ -445,7 +445,8 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
 def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
     """Return an answer with its remedies, if these take at most so long [s], and the lines to print.
 
-    The page has all lines, below the verdict, and JSON and the table `remedies.csv` all values.
+    The page has the ranges, below the verdict, and JSON and the table `remedies.csv` all values. What other figures become
+    is printed where remedies are asked for.
     """
     search: Search | None = answer.search
     if search is None or search.is_empty or seconds <= 0.0:
@@ -459,13 +460,15 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
         ]
     if not found:
         return answer, []
-    every = [y for x in found for y in (*x.lines(), *x.effects())]
+    ranges = [line for x in found for line in x.lines()]
+    effects = [line for x in found for line in x.effects()] if seconds == math.inf else []
+    every = [*ranges, *effects]
     more = len(every) - MOST_LINES
     rows = [row for x in found for row in x.rows()]
     table = Table.of_rows([[*row.values()] for row in rows], dict.fromkeys(rows[0], ""))
     return replace(
         answer,
-        verdict="\n".join([answer.verdict, *every]),
+        verdict="\n".join([answer.verdict, *ranges]),
         tables={**answer.tables, TABLE: table},
         facts={**answer.facts, "remedies": rows},
     ), [*every[:MOST_LINES], *([f"{more} more in {TABLE}"] if more > 0 else [])]

@@ -66,7 +66,7 @@ def require_separate_files(options: argparse.Namespace, parts: Iterable[Path] = 
     for output in (*outputs, *beside, *unfinished, *map(facts_path, unfinished), *journals):
         if not _is_file(output):
             continue
-        for path in (*read, *map(facts_path, read)):
+        for path in (*read, *(facts_path(x) for x in read if x.name)):
             if path.is_file() and path.samefile(output):
                 raise SetupError(
                     f"{output} is read by this command and would be overwritten: write another --out"
