@@ -181,7 +181,8 @@ def tree(tmp_path: Path) -> Path:
         if path.name.startswith(".") or path.name == "results":
             continue
         if path.is_dir():
-            shutil.copytree(path, copy / path.name)
+            # what another test builds at the moment is not of the project
+            shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns(".building-*"))
         elif path.suffix in (".py", ".md", ".toml") or path.name == "LICENSE":
             shutil.copy2(path, copy)
     programs = Path(sys.executable).parent
