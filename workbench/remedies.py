@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import count, pairwise
@@ -149,14 +149,12 @@ class Remedies(NamedTuple):
             )
         return lines
 
-    def effects(self) -> list[str]:
-        """What else turns and changes at the ends of the stretches."""
-        return [
-            f"{'But with' if x.turns else 'With'} {x.varied.name} = {x.value:.6g}{unit_suffix(x.varied.unit)}: "
-            + "; ".join([*x.turns, *x.changes])
-            for x in self.found
-            if x.turns or x.changes
-        ]
+    def effects(self, *, in_full: bool) -> Iterator[str]:
+        """What else turns to no at the ends of the stretches, and in full what changes there."""
+        for x in self.found:
+            if told := [*x.turns, *(x.changes if in_full else ())]:
+                value = f"{x.varied.name} = {x.value:.6g}{unit_suffix(x.varied.unit)}"
+                yield f"{'But with' if x.turns else 'With'} {value}: {'; '.join(told)}"
 
     def rows(self) -> list[dict[str, Any]]:
         """The remedies for files; a value that is not there is none in the whole range."""
@@ -445,8 +443,8 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
 def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
     """Return an answer with its remedies, if these take at most so long [s], and the lines to print.
 
-    The page has the ranges, below the verdict, and JSON and the table `remedies.csv` all values. What other figures become
-    is printed where remedies are asked for.
+    The page has the ranges and what turns to no at their ends, below the verdict; JSON and the table `remedies.csv` have all
+    values. What other figures become is printed where remedies are asked for.
     """
     search: Search | None = answer.search
     if search is None or search.is_empty or seconds <= 0.0:
@@ -460,15 +458,16 @@ def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
         ]
     if not found:
         return answer, []
-    ranges = [line for x in found for line in x.lines()]
-    effects = [line for x in found for line in x.effects()] if seconds == math.inf else []
-    every = [*ranges, *effects]
-    more = len(every) - MOST_LINES
+    told, printed = (
+        [line for x in found for line in (*x.lines(), *x.effects(in_full=in_full))]
+        for in_full in (False, seconds == math.inf)
+    )
+    more = len(printed) - MOST_LINES
     rows = [row for x in found for row in x.rows()]
     table = Table.of_rows([[*row.values()] for row in rows], dict.fromkeys(rows[0], ""))
     return replace(
         answer,
-        verdict="\n".join([answer.verdict, *ranges]),
+        verdict="\n".join([answer.verdict, *told]),
         tables={**answer.tables, TABLE: table},
         facts={**answer.facts, "remedies": rows},
-    ), [*every[:MOST_LINES], *([f"{more} more in {TABLE}"] if more > 0 else [])]
+    ), [*printed[:MOST_LINES], *([f"{more} more in {TABLE}"] if more > 0 else [])]

@@ -159,6 +159,19 @@ def test_an_answer_says_its_remedies_in_words_table_and_json(
     assert len((tmp_path / "remedies.csv").read_text().splitlines()) == len(rows) + 1
 
 
+def test_what_a_remedy_turns_to_no_is_said_unasked_and_what_it_changes_where_it_is_asked_for() -> (
+    None
+):
+    got = answer(Oscillator, oscillator(), {})
+    (short, brief), (asked, long) = (with_remedies(got, x) for x in (100.0, math.inf))
+    assert short.verdict == asked.verdict
+    for lines in (short.verdict.splitlines(), brief, long):
+        costly = [x for x in lines if x.startswith("But with c = ")]
+        assert len(costly) == 1 and "price below its limit: no" in costly[0]
+    changes = [[x for x in lines if ", now " in x and "ith " in x[:8]] for lines in (brief, long)]
+    assert not changes[0] and changes[1]
+
+
 def test_a_search_that_takes_longer_is_left_and_said_and_a_good_answer_has_none() -> None:
     got = answer(Oscillator, oscillator(), {})
     same, lines = with_remedies(got, 1e-9)

@@ -221,6 +221,34 @@ def test_every_curve_is_the_column_that_it_claims_to_be(name: str, file: str) ->
             assert (y.min(), y.max()) == pytest.approx((value.min(), value.max()), rel=1e-6)
 
 
+#: By question: names of a line of theory and of the points that it explains, in every panel that has both.
+EXPLAINED = {
+    "mean_values": [(f"{x}, second-order theory", f"{x}, co-simulation") for x in (
+        "with ripple", "over time", "over the angle", "from the supply", "heat in the motor", "into the trough")],
+    "rod_force": [("theory, machine's spring", "machine's spring")],
+    "induction_motor": [("first-order theory", "linear motor")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EXPLAINED)
+def test_theory_is_drawn_as_a_line_through_the_points_that_it_explains(name: str) -> None:
+    """Within a twentieth of its range: another sign, factor or machine is further off."""
+    _, show = answered(name)
+    panels = [
+        {curve.name: curve for curve in panel.curves}
+        for chart in show.charts if isinstance(chart, Chart)
+        for panel in chart.panels if isinstance(panel, Panel)
+    ]  # fmt: skip
+    for line, points in EXPLAINED[name]:
+        pairs = [(p[line], p[points]) for p in panels if {line, points} <= p.keys()]
+        assert pairs, line
+        for theory, orbits in pairs:
+            assert theory.look == "theory" and len(theory.x) > 50
+            y = np.interp(orbits.positions, theory.positions, np.asarray(theory.y))
+            off = np.abs(y - np.asarray(orbits.y))
+            assert off.max() < 0.05 * np.ptp(theory.y), (line, off.max(), np.ptp(theory.y))
+
+
 def arm(frames: int) -> Motion:
     """An arm of a metre that turns once around an end, in a tenth of its angle in seconds."""
     turn = np.linspace(0.0, 2 * np.pi, frames)

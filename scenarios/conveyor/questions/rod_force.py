@@ -301,14 +301,14 @@ def over_angle(r: RodForceData) -> Chart:
     for (name, machine), color in zip(r.machines.items(), SPRING_COLORS):
         for key, kind in (("formula", True), ("theory", False)):
             wave = waveform(machine, r.length, r.speed, at_constant_speed=kind)
-            columns[f"{key}{name}"] = wave[::step]
-        columns[f"orbit{name}"] = r.operating[name].motions.turn[ROD_FORCE][0, 0]
+            columns[f"{key}{name}"] = 1e-3 * wave[::step]
+        columns[f"orbit{name}"] = 1e-3 * r.operating[name].motions.turn[ROD_FORCE][0, 0]
         panels[f"rod force, {1e-3 * machine.c:.4g} kN/m"] = {
             f"formula{name}": ("constant speed, formula (17)", "grey", "theory"),
             f"theory{name}": ("with the speed ripple", "green"),
             f"orbit{name}": ("co-simulation", color, "points"),
         }
-    table = Table(columns, {"crank angle": "deg"} | dict.fromkeys([*columns][1:], "N"))
+    table = Table(columns, {"crank angle": "deg"} | dict.fromkeys([*columns][1:], "kN"))
     title = f"Rod force over a revolution at {r.speed:g} rad/s"
     return curves_over(table, "crank angle", panels, title)
 
@@ -323,13 +323,12 @@ def over_speed(r: RodForceData) -> Chart:
         force = [peak(waveform(machine, r.length, nu)) for nu in fine["nu"].tolist()]
         ripple = np.abs(machine.torque_ripple(fine["nu"]))
         found = r.sweeps[name].motions.columns
-        for names, x, theory in zip(panels.values(), ("f_rod_peak", "tau2"), (force, ripple)):
+        for names, x, unit, scale, theory in zip(
+            panels.values(), ("f_rod_peak", "tau2"), ("kN", "N.m"), (1e-3, 1.0), (force, ripple)
+        ):
             key, line = f"{x}{name}", f"{x}{name}_theory"
-            columns[key], units[line], fine[line] = (
-                found[x].steps[0],
-                found[x].unit,
-                np.array(theory),
-            )
+            columns[key], fine[line] = scale * found[x].steps[0], scale * np.array(theory)
+            units[line] = unit
             names |= {
                 line: (f"theory, {SPRINGS[name]}", color),
                 key: (SPRINGS[name], color, "points"),
