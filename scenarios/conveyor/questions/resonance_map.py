@@ -30,7 +30,7 @@ from workbench import (
     Table,
     option,
 )
-from workbench.charts.model import CurveLook, GridAxis, HeatMap, Level, NamedLook, Span
+from workbench.charts.model import CurveLook, GridAxis, HeatMap, Level, Mark, NamedLook, Span
 from workbench.find import Find, LineSearch, search
 from workbench.options import check_fixed_starts
 from workbench.orbits import STEP_MULTIPLES, Motions, orbit_figure
@@ -226,7 +226,9 @@ class ResonanceMap(Question, RippleOptions):
         """Both maps, the rows, and one revolution where the torque swings most."""
         worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
         turn = motion.revolution(r.drive, *r.plane.at(*worst))
-        return Show([*maps(r, self.torque_ripple_limit), chart_of_rows(r)], *turn)
+        return Show(
+            [*maps(r, self.torque_ripple_limit), chart_of_rows(r, self.torque_ripple_limit)], *turn
+        )
 
 
 class Map(NamedTuple):
@@ -283,8 +285,8 @@ def maps(r: Map, limit: float) -> list[HeatMap]:
     ]
 
 
-def chart_of_rows(r: Map) -> Chart:
-    """The ridges of every row; where there is an operating range, its ripple and probability."""
+def chart_of_rows(r: Map, limit: float) -> Chart:
+    """The ridges of every row; where there is an operating range, its ripple with the limit [N.m], and probability."""
     panels: dict[str, Mapping[str, CurveLook]] = {r.plane.x.quantity: RIDGE_LOOKS}
     title = "The ridges"
     if r.within:
@@ -294,8 +296,11 @@ def chart_of_rows(r: Map) -> Chart:
             "largest torque ripple": {"ripple_in_range": ("nominal machine", "red")},
             **panels,
         }  # fmt: skip
-    chart = curves_over(Table.of_frame(r.rows, r.units), r.plane.y.quantity, panels, title)
-    return chart._replace(log=r.plane.y.log)
+    level, y = [Mark(limit, f"limit {limit:g} N.m")], r.plane.y
+    return curves_over(
+        Table.of_frame(r.rows, r.units), y.quantity, panels, title,
+        levels={"largest torque ripple": level}, log=y.log,
+    )  # fmt: skip
 
 
 def plan_map(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
