@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 #: Exit status of `run` for an answer that is refused; 1 and 2 are failed runs and bad input. A convention
 #: of this project.
 REFUSED = 3
-#: How long remedies may be sought where nobody asks for them [s]: chosen, one waits so long for an answer.
-SEARCH_SECONDS = 10.0
+#: Communication steps that a search for remedies may take where nobody asks for it: chosen, about 10 s; a number of steps, so
+#: that a command has the same answer on any machine.
+SEARCH_STEPS = 500_000
 USAGE = "list | run NAME or FILE.py [options] | find NAME or FILE.py [options] | study FILE.toml [options]"
 
 SUMMARY = """\
@@ -88,7 +89,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument(
         "--remedies",
         action=BooleanOptionalAction,
-        help="say what would make an answer good that is not (default: if it takes no longer than about 10 s)",
+        help=f"say what would make an answer good that is not (default: if that takes at most {SEARCH_STEPS} communication steps)",
     )
     if "tolerance" not in declared(question):
         _add_tolerance(parser)
@@ -102,7 +103,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
     folder = Path("results") / question.name
     args["out"] = args.get("out", folder / vars(o).get("set", ""))
     animate = args.pop("animate")
-    seconds = {None: SEARCH_SECONDS, True: math.inf, False: 0.0}[args.pop("remedies", None)]
+    steps = {None: SEARCH_STEPS, True: math.inf, False: 0.0}[args.pop("remedies", None)]
     texts, machines = args.pop("tolerance", []), args.pop("machines", 0)
     settings = {x: args.get(x) for x in ("jobs", "scheduler")}
     if texts and question.is_sequential:  # the machines are in parallel then
@@ -115,7 +116,7 @@ def run(argv: Sequence[str], project: Project, program: str) -> int:
             answer = with_tolerances(answer, content, args["out"], project, **settings)
         with as_question_errors(question.module):
             more = [f"{STUDY}/"] if texts else []
-            print_and_write(answer, args["out"], animate=animate, seconds=seconds, more=more)
+            print_and_write(answer, args["out"], animate=animate, most_steps=steps, more=more)
     return REFUSED if answer.refused else 0
 
 

@@ -143,19 +143,19 @@ def print_and_write(
     folder: Path,
     *,
     animate: bool = False,
-    seconds: float = 0.0,
+    most_steps: float = 0.0,
     more: Sequence[str] = (),
 ) -> None:
     """Print the verdict, the figures and the FMUs' warnings; then write the files, and print where they are.
 
     An answer to other values that the folder has is replaced, which is said on stderr. Remedies are sought and printed behind
-    the answer if that takes no longer than so many seconds. `more` has been written to the folder before.
+    the answer if that takes no more than so many communication steps. `more` has been written to the folder before.
     """
     if text := replacement_notice(answer, folder):
         print(text, file=sys.stderr)
     if text := repr(answer):
         print(text, flush=True)
-    answer, lines = with_remedies(answer, seconds)
+    answer, lines = with_remedies(answer, most_steps)
     for line in lines:
         print(line, flush=True)
     names = [*write(answer, folder, animate=animate), *more]

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import count, pairwise
-from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +29,7 @@ from .find import Find, find, solve_each
 from .judgement import Holds, Judgement, capital
 from .live import Slider
 from .options import Option, declared
+from .project import PYTHON
 from .question import Probe, Question
 
 #: How much wider than its slider a range may be: from a third of the present value to three times it.
@@ -40,8 +40,13 @@ DIGITS = 4
 ROUNDS, WIDER = 5, 4.0
 #: Runs of a search for an input and a judgement, about: a grid of 17, the rounds of its crossings, what is between them.
 RUNS = 28
-#: Certified runs for an input and a judgement, about: two on each side.
-CERTIFIED = 4.0
+#: Runs of its certified values, about: two on each side, each with three step sizes.
+CERTIFIED = 7
+#: Turns of runs until an orbit is steady, from both sides and with three step sizes, about; and steps of what has neither turns
+#: nor a stop.
+TURNS, UNKNOWN_STEPS = 50, 1000
+#: Steps that one of a Python FMU counts as; measured ones take 6 to 23 times as long as native ones.
+PYTHON_STEPS = 10
 #: Least share of a range that counts as above 0. A convention.
 LEAST_SHARE = 1e-3
 #: Relative change of a figure that is an effect: far above the rounding of its sums.
@@ -219,26 +224,29 @@ class Search:
     wanted: Sequence[int]
 
     @property
-    def is_empty(self) -> bool:
-        """Whether there is nothing to search."""
-        return not (self.ranges and self.wanted)
+    def steps(self) -> float:
+        """About how many communication steps the search takes, known beforehand; cases that are run together count as one."""
+        o: Any = self.question
+        of_one = UNKNOWN_STEPS
+        if "steps_per_rev" in declared(type(o)):
+            of_one = TURNS * o.steps_per_rev
+        elif hasattr(how := o.run_options(), "stop"):
+            of_one = how.stop / how.step
+        pairs = len(self.ranges) * len(self.wanted)
+        return float(pairs * (RUNS + CERTIFIED) * of_one / o.at_once)
 
     @cached_property
-    def first(self) -> tuple[Findings | SetupError, Sequence[Range], float]:
-        """What is found now, the ranges that have an effect, and about how long the search takes [s]."""
-        began = perf_counter()
+    def first(self) -> tuple[Findings | SetupError, Sequence[Range]]:
+        """What is found now, and the ranges that have an effect."""
         (now,) = solve_each(self.context, [self.question])
-        middle = perf_counter()
         points = [(x, end) for x in self.ranges for end in (x.now, x.low, x.high)]
         found = self.ask(self.rough, points)
-        each = (perf_counter() - middle) / len(found)
         able = [
             x
             for x, *three in zip(self.ranges, found[::3], found[1::3], found[2::3])
             if not all(same_figures(three[0], y) for y in three[1:])
         ]
-        number = len(able) * len(self.wanted)
-        return now, able, number * (RUNS * each + CERTIFIED * (middle - began))
+        return now, able
 
     @property
     def rough(self) -> Context:
@@ -314,7 +322,7 @@ class Search:
 
     def remedies(self) -> list[Remedies]:
         """Return what makes each judgement good: the nearest stretches on both sides, or that of the present value."""
-        if self.is_empty or not self.first[1]:
+        if not (self.steps and self.first[1]):
             return []
         before = self.judgements(self.question, self.first[0])
         ends = []
@@ -369,12 +377,7 @@ def same_figures(one: Findings | SetupError, other: Findings | SetupError) -> bo
     if isinstance(one, SetupError) or isinstance(other, SetupError):
         return False
     a, b = ({name: figure.value for name, figure in x.figures.items()} for x in (one, other))
-    close = (
-        np.allclose([*a.values()], [*b.values()], EFFECT, 0.0, equal_nan=True)
-        if [*a] == [*b]
-        else False
-    )
-    return bool(close)
+    return [*a] == [*b] and np.allclose([*a.values()], [*b.values()], EFFECT, 0.0, equal_nan=True)
 
 
 def changes(
@@ -440,27 +443,26 @@ def values_until(o: Question, context: Context, wanted: str, varied: Sequence[Fi
     return [*(line for x in search.remedies() for line in x.lines()), *idle]
 
 
-def with_remedies(answer: Answer, seconds: float) -> tuple[Answer, list[str]]:
-    """Return an answer with its remedies, if these take at most so long [s], and the lines to print.
+def with_remedies(answer: Answer, most_steps: float) -> tuple[Answer, list[str]]:
+    """Return an answer with its remedies, if these take at most so many communication steps, and the lines to print.
 
     The page has the ranges and what turns to no at their ends, below the verdict; JSON and the table `remedies.csv` have all
     values. What other figures become is printed where remedies are asked for.
     """
     search: Search | None = answer.search
-    if search is None or search.is_empty or seconds <= 0.0:
+    if search is None or not (search.steps and most_steps):
         return answer, []
+    is_python = answer.provenance.get("flavour") == PYTHON
+    steps = search.steps * (PYTHON_STEPS if is_python else 1)
+    if steps > most_steps:
+        return answer, ["What would change that takes many runs to find: ask again with --remedies"]
     with captured_log_warnings():  # of values that nobody has chosen
-        takes = search.first[2]
-        found = search.remedies() if takes <= seconds else []
-    if takes > seconds:
-        return answer, [
-            f"What would change that takes about {takes:.2g} s to find: ask again with --remedies"
-        ]
+        found = search.remedies()
     if not found:
         return answer, []
     told, printed = (
         [line for x in found for line in (*x.lines(), *x.effects(in_full=in_full))]
-        for in_full in (False, seconds == math.inf)
+        for in_full in (False, most_steps == math.inf)
     )
     more = len(printed) - MOST_LINES
     rows = [row for x in found for row in x.rows()]

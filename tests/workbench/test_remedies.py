@@ -140,7 +140,7 @@ def test_an_answer_says_its_remedies_in_words_table_and_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     got = answer(Oscillator, oscillator(), {})
-    print_and_write(got, tmp_path, seconds=math.inf)
+    print_and_write(got, tmp_path, most_steps=math.inf)
     printed = capsys.readouterr().out
     low, high = ratios(LIMIT, 0.1)
     lines = printed.splitlines()
@@ -163,7 +163,7 @@ def test_what_a_remedy_turns_to_no_is_said_unasked_and_what_it_changes_where_it_
     None
 ):
     got = answer(Oscillator, oscillator(), {})
-    (short, brief), (asked, long) = (with_remedies(got, x) for x in (100.0, math.inf))
+    (short, brief), (asked, long) = (with_remedies(got, x) for x in (1e9, math.inf))
     assert short.verdict == asked.verdict
     for lines in (short.verdict.splitlines(), brief, long):
         costly = [x for x in lines if x.startswith("But with c = ")]
@@ -172,11 +172,14 @@ def test_what_a_remedy_turns_to_no_is_said_unasked_and_what_it_changes_where_it_
     assert not changes[0] and changes[1]
 
 
-def test_a_search_that_takes_longer_is_left_and_said_and_a_good_answer_has_none() -> None:
+def test_a_search_of_more_steps_is_left_and_said_and_a_good_answer_has_none() -> None:
     got = answer(Oscillator, oscillator(), {})
-    same, lines = with_remedies(got, 1e-9)
+    same, lines = with_remedies(got, 0.999 * got.search.steps)
     assert same is got
     assert "--remedies" in lines[0]
+    assert with_remedies(got, got.search.steps)[0].verdict != got.verdict
+    python = replace(got, provenance={"flavour": "python"})
+    assert with_remedies(python, 9.99 * got.search.steps)[0] is python
     assert with_remedies(answer(Oscillator, oscillator(w=0.5), {}), math.inf)[1] == []
     idle = replace(got.search, ranges=[x for x in got.search.ranges if x.name == "paint"])
     assert with_remedies(replace(got, search=idle), math.inf)[1] == []
