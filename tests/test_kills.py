@@ -56,7 +56,7 @@ COMMANDS = {
     "certify": f"{RUN} --certify --out out/r.csv",
     "sweep": "cosim sweep drive.ssp --step 1e-4 --stop 1 --vary motor.A=7000:8000:8 --figure largest:motor.tau --jobs 2 --out out/t.csv",
     "map": "many",
-    "resonance": f"{QUESTION.format('resonance')} --speeds 36:44:5 --steps-per-rev 128 --jobs 2",
+    "resonance": f"{QUESTION.format('resonance')} --steps-per-rev 128 --speeds 36:44:5 --jobs 2",
     "identify": f"{QUESTION.format('identify')} --data {ROOT}/examples/conveyor_record.csv --map time=t "
     "--map conveyor.w=n --map motor.tau=M*0.8:N.m --known conveyor.trough.m=200+-5 "
     "--known conveyor.spring.c=720e3+-2% --rated-torque 80 --starts 2 --jobs 2",
