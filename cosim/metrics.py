@@ -36,6 +36,10 @@ PERIOD_ROUNDING = 1e-9
 END_ROUNDING = 1e-9
 #: Distance from a level, over the largest one, within which a curve is on it. Derived: some thousand roundings.
 ON_LEVEL = 1e-12
+#: Largest change to come, over the largest value of the column, of a steady motion; a convention.
+STEADY = 0.01
+#: Largest share of a change that is taken to be left after a turn; changes of rounding have any share.
+SLOWEST = 0.9
 #: Orders of an angle among which the strongest is sought: those of which sixteen rows in a turn still show one each.
 HIGHEST_ORDER = 8
 
@@ -173,6 +177,8 @@ class Metric:
 
     def lack(self, unit: str, *curves: Curves) -> str:
         """Why it has no number of single curves, with the unit of its column."""
+        if isinstance(self.column, TurnMean):
+            return f"{self.column.over} does not turn once"
         return "it has no value in its stretch of the run"
 
     def __str__(self) -> str:
@@ -493,6 +499,42 @@ class LastTurn(Metric):
         if part is None:
             return f"{self.over} does not turn {self.turns} times"
         return self.column.lack(unit, *part)
+
+
+@dataclass(frozen=True)
+class Settled(LastTurn):
+    """A metric over the last turn of an angle [rad] of a steady motion, `Settled(Mean("load.w"), over="load.phi")`.
+
+    A motion is steady if what the number may still change is at most `share` of the largest value of the column in that turn.
+    This change is part of its error.
+    """
+
+    share: float = STEADY
+
+    def __call__(self, *curves: Curves) -> Array:
+        """The numbers; nan where the motion is not steady."""
+        found = super().__call__(*curves)
+        for k, each in enumerate(one_by_one(*curves)):
+            turn = self._turns(*each)
+            size = 0.0 if turn is None else np.abs(turn[0].x).max()
+            if not self.change_left(*each) <= self.share * size:
+                found[k] = math.nan
+        return found
+
+    def change_left(self, *curves: Curves) -> float:
+        """What the number of single curves may still change, a geometric series of three turns in sequence; nan with fewer."""
+        angle = self.within(curves[-1]) or curves[-1]
+        ends = (self.end, *(last_turn(angle, k * self.turns) for k in (1, 2)))
+        last, before, first = (Metric.__call__(replace(self, end=t), *curves)[0] for t in ends)
+        change, earlier = abs(last - before), abs(before - first)
+        share = np.minimum(change / earlier, SLOWEST) if earlier else SLOWEST
+        return float(change * np.maximum(1.0, share / (1.0 - share)))
+
+    def lack(self, unit: str, *curves: Curves) -> str:
+        """It turns less than three times, or is not steady."""
+        if math.isnan(self.change_left(*curves)):
+            return f"{self.over} turns less than three times; a longer run shows whether the motion is steady"
+        return "the motion is not steady at the end; a longer run shows whether it gets so"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ..dense import Array, Mask
-from ..metrics import Metric
+from ..metrics import Metric, Settled
 from ..result import Result, Rows
 from .estimate import Estimate
 from .limit import CONFIRMED_FACTOR, RUNS, STEP_RATIO, UNCONFIRMED_FACTOR, Reason, likeliest
@@ -212,6 +212,9 @@ def judge_metrics(
             x = x._replace(error=None, reason=short)
         if x.error is None and math.isnan(x.value) and not x.reason:
             x = x._replace(reason=metric.lack(unit, *map(runs.dense.solution, metric.columns)))
+        if x.error is not None and isinstance(metric, Settled):
+            left = metric.change_left(*map(runs.dense.solution, metric.columns))
+            x = x._replace(error=x.error + left)
         estimates[name] = x._replace(unit=metric.unit(unit))
     return {name: estimates[name] for name in metrics}
 

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-import cosim
 from cosim import Result, SetupError
 from cosim.dense import thinned_rows
-from cosim.metrics import harmonics
+from cosim.metrics import Largest, Mean, Rms, Smallest, harmonics
 from workbench import Figure
 from workbench.figure import ROUNDING
 
@@ -83,7 +82,7 @@ def turns(r: Result, drive: str) -> LastTurns:
     if drive == "iron":
         begin = r.provenance["parts"]["iron"]["parameters"]["cam.rise"]
     rows = slice(ends[-1 - MEASURED] - 1, ends[-1] + 1)
-    t, phi, power = (r[x][rows] for x in ("time", f"{drive}.phi", POWERS[drive][0]))
+    t, phi = (r[x][rows] for x in ("time", f"{drive}.phi"))
     first, last = math.ceil((phi[0] - begin) / TURN), math.floor((phi[-1] - begin) / TURN)
     if np.diff(phi).min() <= 0.0 or first >= last:
         raise SetupError(
@@ -91,14 +90,15 @@ def turns(r: Result, drive: str) -> LastTurns:
             "must advance by a whole turn: the drive is too slow"
         )
     began, ended = CubicSpline(phi, t)(begin + TURN * np.array([first, last])).tolist()
-    lasted, inside, number = ended - began, (t >= began) & (t <= ended), last - first
-    mean = float(CubicSpline(t, power).integrate(began, ended) / lasted)
-    square = float(CubicSpline(t, (power - mean) ** 2).integrate(began, ended) / lasted)
-    low, high = (s * cosim.metrics.largest(t[inside], s * power[inside]) for s in (-1.0, 1.0))
+    lasted, number = ended - began, last - first
+    course = r.solution(POWERS[drive][0])
+    power = course.between(began, ended)
+    mean, rms, low, high = (x("").measure(power)[0] for x in (Mean, Rms, Smallest, Largest))
     angles = begin + TURN * np.arange(first * EVEN, last * EVEN) / EVEN
-    sizes = np.abs(harmonics(angles, CubicSpline(phi, power)(angles), HIGHEST[drive])).tolist()
+    at_angles = course(CubicSpline(phi, t)(angles))[0]
+    sizes = np.abs(harmonics(angles, at_angles, HIGHEST[drive])).tolist()
     orders = [Order(drive, k, k * number / lasted, x, x) for k, x in enumerate(sizes, 1)]
-    return LastTurns(lasted, number, [mean, math.sqrt(square), low, high], orders)
+    return LastTurns(lasted, number, [mean, math.sqrt(rms**2 - mean**2), low, high], orders)
 
 
 def cycle_figures(r: Result) -> dict[str, Figure]:

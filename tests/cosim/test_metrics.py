@@ -31,6 +31,7 @@ from cosim import (
 )
 from cosim.dense import Curves
 from cosim.metrics import (
+    TURN,
     Crossing,
     Harmonic,
     Integral,
@@ -39,6 +40,7 @@ from cosim.metrics import (
     LastTurn,
     Mean,
     Metric,
+    Settled,
     StrongestOrder,
     Swing,
     TimeOfLargest,
@@ -314,6 +316,31 @@ def test_metrics_of_turns() -> None:
     back = phi.with_values(-phi.x)
     assert LastTurn(Mean("w"), over="phi")(w, back) == pytest.approx(mean_of_turn(4.0), abs=1e-6)
     assert StrongestOrder("w", over="phi")(w, back) == 2.0
+
+
+def test_what_a_steady_motion_may_still_change_is_in_its_error_and_one_that_is_not_steady_is_refused() -> (
+    None
+):
+    """The means of turns fall to 10 rad/s as a geometric series."""
+
+    def runner(_system: object, *, stop: float, step: float, **_: Any) -> Result:
+        t = np.linspace(0.0, stop, round(stop / step) + 1)
+        w = 10.0 + np.sin(20.0 * t) + np.exp(-t)
+        columns = [TIME, Column("w", "rad/s"), Column("phi", "rad")]
+        return Result(columns, {"convergence_order": 1}, np.array([t, w, 10.0 * t]).__getitem__)
+
+    def mean(stop: float, **how: Any) -> Estimate:
+        metrics = {"mean": Settled(Mean("w"), over="phi", **how)}
+        return certify(System({}), metrics, stop=stop, step=1e-3, runner=runner).figures["mean"]
+
+    settled = mean(4.0)
+    left = math.exp(-4.0) * math.expm1(TURN / 10.0) / (TURN / 10.0)
+    assert settled.value == pytest.approx(10.0 + left, abs=1e-6)
+    assert settled.error is not None
+    assert left < settled.error < 1.01 * left
+    assert "not steady" in mean(2.0).reason
+    assert mean(2.0, share=0.1).error is not None
+    assert "turns less than three times" in mean(1.8).reason
 
 
 def test_metrics_know_their_units() -> None:

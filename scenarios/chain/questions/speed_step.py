@@ -9,19 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from cosim import Result
-from cosim.metrics import (
-    Largest,
-    LastTurn,
-    Mean,
-    StrongestOrder,
-    Swing,
-    TimeOfLargest,
-    TurnMean,
-    last_turn,
-)
+from cosim.metrics import Largest, Mean, Settled, StrongestOrder, Swing, TimeOfLargest, TurnMean
 from workbench import (
     Figure,
     Judgement,
@@ -35,7 +24,6 @@ from workbench import (
     option,
 )
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
-from workbench.context import metric_of
 from workbench.figure import figure_of_figures, scaled
 from workbench.live import LiveMotion
 
@@ -44,10 +32,6 @@ from ..motion import live_motion
 #: Share of the set speed that the load must reach; a convention of step responses.
 NEAR = 0.9
 TURN = 2 * math.pi
-#: Largest change of the ripple or the mean over the last turn, over the set speed, of a steady motion.
-STEADY = 0.01
-#: Largest share of a change that is taken to be left after a turn; changes of rounding have any share.
-SLOWEST = 0.9
 #: Smallest overshoot of the mean, over the set speed, whose time is named; a flat top has none.
 LEAST_OVERSHOOT = 1e-3
 STILL_RISES = "the mean still rises"
@@ -56,8 +40,6 @@ LEAST_RIPPLE = 1e-4
 #: Frequencies over a natural one between which an undamped oscillator responds at least twice: derived
 #: from 1 / |1 - x^2| = 2.
 AMPLIFIED = (math.sqrt(0.5), math.sqrt(1.5))
-#: Angles for the mean inertia of the load, which is smooth over a turn.
-ANGLES = 720
 MEAN_OF_TURN = TurnMean("load.w", over="load.phi")
 LAST = "in the last turn before {stop:g} s"
 
@@ -109,9 +91,9 @@ class SpeedStep(Question, RunOptions):
             "mean_max", Largest(MEAN_OF_TURN), meaning="largest mean speed of the load over a turn, up to {stop:g} s"
         ),
         Number("mean_max_time", TimeOfLargest(MEAN_OF_TURN), meaning="end of the turn with this mean"),
-        Number("mean", LastTurn(Mean("load.w"), over="load.phi"), meaning=f"mean speed of the load {LAST}"),
+        Number("mean", Settled(Mean("load.w"), over="load.phi"), meaning=f"mean speed of the load {LAST}"),
         Number(
-            "ripple", LastTurn(Swing("load.w"), over="load.phi"),
+            "ripple", Settled(Swing("load.w"), over="load.phi"),
             meaning=f"ripple of the speed {LAST}, half of largest less smallest",
         ),
         Number(
@@ -150,32 +132,20 @@ class SpeedStep(Question, RunOptions):
     )
 
     def more_figures(self, f: Mapping[str, Figure], r: Result) -> dict[str, Figure]:
-        """Return the natural frequencies, and what is certain of the largest mean and of the last turn.
-
-        What the last turn still changes, taken as a geometric series with the change of the turn before, is what may
-        follow. A motion that changes by more than STEADY is not steady, and has no such figures.
-        """
-        top, at, rests = f["mean_max"], f["mean_max_time"], changes_left(r)
-        longer = f"up to {self.stop:g} s; a longer --stop shows"
-        too_short = f"the load turns less than three times {longer} more"
-        refused = {}
-        if top.error is None:
-            if not rests:
-                refused = dict.fromkeys(("mean_max", "mean_max_time"), too_short)
-        elif top.value <= (1.0 + LEAST_OVERSHOOT) * self.speed:
-            refused["mean_max_time"] = "the mean does not overshoot"
-        elif at.value == r["time"][-1] or at.error is None:
-            refused["mean_max_time"] = f"{STILL_RISES} at {self.stop:g} s"
+        """Return the natural frequencies, and what is certain of the largest mean and of the ripple."""
+        top, at, mean = f["mean_max"], f["mean_max_time"], f["mean"]
         ripple = scaled(f["ripple"], 0.5, f["ripple"].unit, f["ripple"].meaning)
-        steady = {"mean": f["mean"], "ripple": ripple, "ripple_order": f["ripple_order"]}
-        if not rests or max(rests) > STEADY * self.speed:
-            not_steady = f"the motion is not steady at {self.stop:g} s; a longer --stop shows whether it gets so"
-            refused |= dict.fromkeys(steady, not_steady if rests else too_short)
-        elif ripple.value < LEAST_RIPPLE * f["mean"].value:
+        refused = {}
+        if top.error is not None:
+            if top.value <= (1.0 + LEAST_OVERSHOOT) * self.speed:
+                refused["mean_max_time"] = "the mean does not overshoot"
+            elif at.value == r["time"][-1] or at.error is None:
+                refused["mean_max_time"] = f"{STILL_RISES} at {self.stop:g} s"
+        if ripple.error is None or mean.error is None:
+            refused["ripple_order"] = ripple.reason or mean.reason
+        elif ripple.value < LEAST_RIPPLE * mean.value:
             refused["ripple_order"] = "there is no ripple"
-        for name, rest in zip(("mean", "ripple"), rests):
-            if (error := steady[name].error) is not None:
-                steady[name] = steady[name]._replace(error=error + rest)
+        steady = {"ripple": ripple, "ripple_order": f["ripple_order"]}
         steady |= {
             name: Figure.undetermined(f[name].unit, why, f[name].meaning)
             for name, why in refused.items()
@@ -183,7 +153,7 @@ class SpeedStep(Question, RunOptions):
         frequency = figure_of_figures(
             lambda order, mean: order * mean / TURN,
             steady["ripple_order"],
-            steady["mean"],
+            mean,
             unit="Hz",
             meaning="frequency of this order",
         )
@@ -240,26 +210,6 @@ class SpeedStep(Question, RunOptions):
         return live_motion(r)
 
 
-def changes_left(r: Result) -> list[float]:
-    """What mean and ripple of a turn may still change; empty where the load turns less than three times."""
-    phi = r.solution("load.phi")
-    ends = [float(r["time"][-1]), last_turn(phi, 1), last_turn(phi, 2)]
-    if math.isnan(last_turn(phi, 3)):
-        return []
-    changes = []
-    for kind, scale in ((Mean, 1.0), (Swing, 0.5)):
-        turns = (LastTurn(kind("load.w"), over="load.phi", end=end) for end in ends)
-        changes.append(scale * remaining_change(*(metric_of(r, x) for x in turns)))
-    return changes
-
-
-def remaining_change(last: float, before: float, first: float) -> float:
-    """What a value may still change that took these values in three turns, as a geometric series."""
-    change, earlier = abs(last - before), abs(before - first)
-    share = min(change / earlier, SLOWEST) if earlier > 0.0 else SLOWEST
-    return change * max(1.0, share / (1.0 - share))
-
-
 def natural_frequencies(r: Result) -> dict[str, Figure]:
     """At which gearbox and load swing against each other on the undamped shaft, pressed to one flank,
     and the load alone while the controller holds the gearbox [Hz], with the mean inertia of the load.
@@ -277,9 +227,11 @@ def natural_frequencies(r: Result) -> dict[str, Figure]:
 
 
 def mean_square_travel(load: Mapping[str, float]) -> float:
-    """The mean over a turn of the square of the trough's travel per angle of the crank [m2/rad2]."""
-    phi, tilt = np.arange(ANGLES) * TURN / ANGLES, 0.0
-    if load["link.swings"]:
-        tilt = load["crank.r"] / load["link.l"]
-    travel = load["crank.r"] * (np.cos(phi) + tilt) / (1.0 + tilt * np.cos(phi)) ** 2
-    return float((travel**2).mean())
+    """The mean over a turn of the square of the trough's travel per angle of the crank [m2/rad2].
+
+    With cos(psi) = (cos(phi) + e) / (1 + e cos(phi)), e = r / l, as between two anomalies of Kepler's orbits, it is the mean of
+    r^2 cos(psi)^2 (1 - e cos(psi)) / (1 - e^2)^1.5 over psi.
+    """
+    r = load["crank.r"]
+    e = r / load["link.l"] if load["link.swings"] else 0.0
+    return r**2 / 2.0 / (1.0 - e**2) ** 1.5
