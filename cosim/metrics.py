@@ -178,7 +178,7 @@ class Metric:
     def lack(self, unit: str, *curves: Curves) -> str:
         """Why it has no number of single curves, with the unit of its column."""
         if isinstance(self.column, TurnMean):
-            return f"{self.column.over} does not turn once"
+            return f"{self.column.over} does not turn once; a longer run shows more"
         return "it has no value in its stretch of the run"
 
     def __str__(self) -> str:

@@ -130,7 +130,7 @@ def test_a_share_near_its_bound_is_not_the_bound() -> None:
 def test_a_sentence_states_its_own_limit_and_a_short_run_what_to_do() -> None:
     short = ask("speed_step", stop=0.2).judgements
     assert short[1].what.endswith("overshoots its set speed by less than 0.1 %")
-    assert "a longer --stop shows more" in short[1].why_open
+    assert "a longer run shows more" in short[1].why_open
 
 
 def test_figures_of_a_drive_that_is_held_together_are_told() -> None:

@@ -234,4 +234,4 @@ def mean_square_travel(load: Mapping[str, float]) -> float:
     """
     r = load["crank.r"]
     e = r / load["link.l"] if load["link.swings"] else 0.0
-    return r**2 / 2.0 / (1.0 - e**2) ** 1.5
+    return r * r / 2.0 / math.sqrt(1.0 - e * e) ** 3
