@@ -126,7 +126,8 @@ def check_unit(text: str | float, unit: str, units: Mapping[str, str], where: st
             "must be an option with it"
         )
     if (np.abs(grows[:, 0] - stated[:-2]) > POWER_ROUNDING).any():
-        raise SetupError(f"{where}: {text!r} is not in {unit}, with {terms}")
+        what = "has a unit, but none is stated" if unit == "1" else f"is not in {unit}"
+        raise SetupError(f"{where}: {text!r} {what}, with {terms}")
     if not _converts(formula, drawn, powers, stated, is_count=is_count(unit)):  # type: ignore[arg-type]
         raise SetupError(
             f"{where}: {text!r} is not in {unit}, with {terms}; what converts must be among its numbers, as 1000, "

@@ -127,8 +127,8 @@ def require_starts(o: Any, systems: Collection[System]) -> None:
             is_there = name in system.start or (not is_given and name in system.inputs)
             if not is_there or (is_given and system.start[name] != o.start[name]):
                 raise SetupError(
-                    f"{'--start' if is_given else f'{o.path}: start_values:'} {name}: system() does not pass it "
-                    "on; write replace(super().system(fmus), changes=[...])"
+                    f"{'--start' if is_given else f'{o.path}: start_values:'} {name}: the System that system(self, fmus) returns "
+                    "lacks this start value; take super().system(fmus), which has it, and change that with dataclasses.replace"
                 )
 
 

@@ -256,7 +256,7 @@ def _declared(kind: Any) -> dict[str, Option]:
 
 def quoted(value: object) -> str:
     """A value in a message."""
-    return "nothing" if value is None else repr(value)
+    return "(not given)" if value is None else repr(value)
 
 
 def unknown_option(name: str, names: Iterable[str], who: str) -> SetupError:

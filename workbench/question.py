@@ -394,7 +394,7 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     is_run = issubclass(question, RunOptions) or question.run_options is not Question.run_options
     if not is_run and "step" not in declared(question):
         raise SetupError(
-            f"{where}: with figures, {question.__name__} must derive from workbench.RunOptions as well, or its run_options(self) "
-            "return one"
+            f"{where}: {question.__name__} has figures of a run, which needs the options stop and step; write "
+            f"class {question.__name__}(Question, RunOptions), or define run_options(self), which returns RunOptions(...)"
         )
     return question
