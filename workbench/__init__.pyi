@@ -8,6 +8,7 @@ from .charts.model import Mark as Mark
 from .charts.model import Panel as Panel
 from .context import Context as Context
 from .figure import Figure as Figure
+from .find import Find as Find
 from .judgement import Judgement as Judgement
 from .live import Number as Number
 from .live import Reader as Reader
@@ -17,6 +18,8 @@ from .live import Slider as Slider
 from .options import Options as Options
 from .options import RunOptions as RunOptions
 from .options import option as option
+from .plan import Plan as Plan
 from .question import Question as Question
+from .study.question import PlanQuestion as PlanQuestion
 
 THREADS: tuple[str, ...]

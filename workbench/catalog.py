@@ -43,10 +43,12 @@ def names(home: Path | None) -> Mapping[str, str]:
 
 
 def summary(home: Path, module: str) -> str:
-    """Return the question of a module of the package, in one line; it is not imported."""
+    """Return the question of a module of the package, in one line, and whether it is a plan; it is not imported."""
     path = home.parent.joinpath(*module.split(".")).with_suffix(".py")
-    documentation = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
-    return (documentation or "").partition("\n")[0]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    bases = [ast.unparse(x) for y in tree.body if isinstance(y, ast.ClassDef) for x in y.bases]
+    plan = " (a plan)" if "PlanQuestion" in bases else ""
+    return (ast.get_docstring(tree) or "").partition("\n")[0] + plan
 
 
 def is_from_file(module: ModuleType) -> bool:

@@ -260,6 +260,22 @@ class Motions:
         turn = {name: x[0, j] for name, x in self.turn.items()}
         return SteadyMotion(figures, turn, self.states[j], float(self.multipliers[j]))
 
+    def table(
+        self, inputs: Mapping[str, tuple[str, Sequence[Any]]], figures: Mapping[str, str]
+    ) -> Table:
+        """Return the table of inputs, by their units and values, and of figures by the names that they have there.
+
+        Behind a figure comes its error, unless it is that of a formula.
+        """
+        columns = {name: np.asarray(x) for name, (_, x) in inputs.items()}
+        units = {name: unit for name, (unit, _) in inputs.items()}
+        for figure, name in figures.items():
+            x = self.columns[figure]
+            columns[name], units[name] = x.value, x.unit
+            if (x.error != 0.0).any():
+                columns[f"{name}_error"], units[f"{name}_error"] = x.error, x.unit
+        return Table(columns, units)
+
     @classmethod
     def of(cls, asked: Sequence[Any], found: Sequence[Findings | SetupError]) -> Motions:
         """Return what is found of other questions in the same form, with figures but no motions."""
@@ -341,16 +357,20 @@ class Orbit:
         return reduce(Motions.beside, parts)[np.argsort(order)]
 
     def branches(self, context: Context, asked: Sequence[Any]) -> tuple[Motions, list[Branch]]:
-        """Return the motions of questions that are run alike, and the branches that they form, in that order.
+        """Return the motions of questions, and the branches that they form, in that order.
 
         Lines are those of questions that differ in the speed alone, numbered as they are first met by speed; a branch
         with one motion may be that of a question that has none. `asked` of the motions says which question is theirs.
         """
-        ((batch, _),) = self._batches(context, asked)
-        pairs = batch.branches()
-        numbers = np.concatenate([some for some, _ in pairs])
-        motions = batch.motions(numbers, np.concatenate([b.states for _, b in pairs]))
-        return motions, [b for _, b in pairs]
+        parts: list[Motions] = []
+        branches: list[Branch] = []
+        for batch, _ in self._batches(context, asked):
+            numbers, own = zip(*batch.branches())
+            parts.append(
+                batch.motions(np.concatenate(numbers), np.concatenate([b.states for b in own]))
+            )
+            branches += own
+        return reduce(Motions.beside, parts), branches
 
     def motions(
         self, context: Context, asked: Sequence[Any], states: Array, multiples: int
@@ -414,32 +434,26 @@ def table_of(
     inputs : mapping
         Columns of what varies: the unit, and a value for each question.
     figures : mapping
-        What figures are called in it. Behind a figure comes its error, unless it is that of a formula.
+        What figures are called in it, by default all by their names, see `Motions.table`.
     """  # fmt: skip
     blocks = [asked[k : k + AT_ONCE] for k in range(0, len(asked), AT_ONCE)]
     every = (measured(context, block) for block in blocks)
     found = [next(every)]
-    units = {name: unit for name, (unit, _) in inputs.items()}
-    for figure, name in figures.items():
-        column = found[0].columns[figure]
-        units[name] = column.unit
-        if (column.error != 0.0).any():
-            units[f"{name}_error"] = column.unit
+    figures = figures or {name: name for name in found[0].columns}
+    units = found[0].table({}, figures).units
 
-    def rows() -> Iterator[list[float]]:
-        first = 0
+    def rows() -> Iterator[tuple[Any, ...]]:
         for motions in chain(found[:1], every):
-            if first:
+            if motions is not found[0]:
                 found.append(motions)
-            values: dict[str, Any] = {name: x[first:] for name, (_, x) in inputs.items()}
-            for figure, name in figures.items():
-                x = motions.columns[figure]
-                values |= {name: x.value, f"{name}_error": x.error}
-            first += len(motions)
-            for k in range(len(motions)):
-                yield [float(values[name][k]) for name in units]
+            columns = motions.table({}, figures).columns
+            exact = np.zeros(len(motions))
+            yield from zip(*(columns.get(name, exact).tolist() for name in units))
 
-    return context.record_rows(csv, units, rows()), reduce(Motions.beside, found)
+    values = zip(*(x for _, x in inputs.values()))
+    every_row = ((*row, *of_figures) for row, of_figures in zip(values, rows()))
+    all_units = {name: unit for name, (unit, _) in inputs.items()} | dict(units)
+    return context.record_rows(csv, all_units, every_row), reduce(Motions.beside, found)
 
 
 class _Batch:

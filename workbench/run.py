@@ -31,6 +31,7 @@ from .judgement import Holds, Judgement, lines
 from .live import Live
 from .live.build import for_shell
 from .options import check_fixed_starts
+from .plan import case_of
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
 from .remedies import search_for
@@ -274,13 +275,7 @@ def _solve_cases(
     try:
         question = read(catalog.load_cached(str(page)))
         with captured_log_warnings() as logged, as_question_errors(question.module):
-            asked = [
-                question.parse(
-                    {key: x for key, x in case.items() if "." not in key}
-                    | {"start": {key: x for key, x in case.items() if "." in key}}
-                )
-                for case in cases
-            ]
+            asked = [case_of(question, case) for case in cases]
             for o in asked:
                 check_fixed_starts(o.start, question.fixed_starts)
             found = question.solve_all(Context(fmus), asked)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cosim import SetupError, System
+from cosim.system import Value
 from workbench import (
     Chart,
     Context,
@@ -25,6 +26,7 @@ from workbench import (
     Judgement,
     Number,
     Panel,
+    Plan,
     Question,
     Reader,
     Show,
@@ -197,13 +199,8 @@ class DriveOrbit(Question, RippleOptions):
     @classmethod
     def of(cls, machine: Machine, nu: float, o: Any) -> DriveOrbit:
         """Return the question of a machine at a speed [rad/s], run as another question says."""
-        fields = {name: float(vars(machine)[field]) for name, field in FIELDS.items()}
-        if has_kloss_characteristic(machine):
-            del fields[
-                "motor.B"
-            ]  # which its motor does not use, and which differs from speed to speed
         return cls(
-            start={**fields, **machine.more}, speed=float(nu), algorithm=o.algorithm, steps_per_rev=o.steps_per_rev
+            start=start_of(machine), speed=float(nu), algorithm=o.algorithm, steps_per_rev=o.steps_per_rev
         )  # fmt: skip
 
     @property
@@ -372,6 +369,27 @@ class DriveOrbit(Question, RippleOptions):
             ]
             panels.append(Panel(quantity, unit, curves))
         return Show([Chart("One revolution", "crank angle [deg]", panels)])
+
+
+def start_of(machine: Machine) -> dict[str, Value]:
+    """Return start values of a machine, without the slope that an induction motor does not use and that differs from speed to speed."""
+    fields = {name: float(vars(machine)[field]) for name, field in FIELDS.items()}
+    if has_kloss_characteristic(machine):
+        del fields["motor.B"]
+    return {**fields, **machine.more}
+
+
+def plan_of(machine: Machine, o: Any, grid: Mapping[str, Sequence[float]], **more: Any) -> Plan:
+    """Return the plan of a machine's orbits over a grid, run as a question says."""
+    fixed = {**start_of(machine), "algorithm": o.algorithm, "steps_per_rev": o.steps_per_rev}
+    fixed = {name: x for name, x in fixed.items() if name not in grid}
+    return Plan(question=DriveOrbit, fixed=fixed, grid=grid, **more)
+
+
+def require_steady(motions: Motions) -> None:
+    """Raise SetupError if no orbit is steady."""
+    if np.isnan(motions.multipliers).all():
+        raise SetupError("no orbit of the map is steady")
 
 
 class Drive(NamedTuple):

@@ -15,19 +15,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from cosim import SetupError
-from workbench import Context
-from workbench.answer import GivenValue, Table, parameters
+from workbench import Plan
+from workbench.answer import GivenValue, parameters
 from workbench.charts.model import GridAxis
+from workbench.find import Find
 from workbench.options import Option, at_least
-from workbench.orbits import Motions, table_of
+from workbench.plan import Sampling
 from workbench.study.words import interval
 
 from .first_order import FIELDS, Machine
 from .machine import conveyor_drive
-from .orbit import Drive, DriveOrbit
+from .orbit import Drive, plan_of
 
 Real = NDArray[np.float64]
 SPEED_NAME = "speed"
@@ -35,8 +35,6 @@ SPEED_NAME = "speed"
 SEED = 1
 #: Probabilities between which the outcome at a point is open.
 OPEN = (0.05, 0.95)
-#: A safety margin by convention.
-MARGIN = 3.0
 #: Largest tolerance of a part [%]: it stays above 0.
 MOST_TOLERANCE = 99.0
 
@@ -60,42 +58,23 @@ class Plane(NamedTuple):
         nu = coordinates.pop(SPEED_NAME, self.speed)
         return replace(self.machine, **{FIELDS[name]: v for name, v in coordinates.items()}), nu
 
-    def nodes(self) -> list[tuple[float, float]]:
-        """Coordinates x and y of all points, row by row."""
-        x, y = self.x.values.tolist(), self.y.values.tolist()
-        return [(column, level) for level in y for column in x]
-
     def points(self) -> tuple[Machine, Real]:
-        """The machines of these and their mean speeds [rad/s], shape (points,)."""
-        x, y = np.transpose(self.nodes())
+        """The machines of all points, row by row, and their mean speeds [rad/s], shape (points,)."""
+        x, y = (values.ravel() for values in np.meshgrid(self.x.values, self.y.values))
         machine, nu = self.at(x, y)
         return machine, np.broadcast_to(nu, x.shape)
 
-    def table(self, drive: Drive, csv: str, figures: Mapping[str, str]) -> tuple[Table, Motions]:
-        """Return the table of all points, row by row, and the motions."""
-        values = zip(*self.nodes())
-        inputs = {axis.quantity: (axis.unit, x) for axis, x in zip((self.x, self.y), values)}
-        return table_of_map(drive.context, csv, drive.asked(*self.points()), inputs, figures)
-
-
-def table_of_map(
-    context: Context,
-    csv: str,
-    asked: Sequence[DriveOrbit],
-    inputs: Mapping[str, tuple[str, Sequence[float]]],
-    figures: Mapping[str, str],
-) -> tuple[Table, Motions]:
-    """Return the table of questions, by unit and values of what varies, and their motions.
-
-    Raises
-    ------
-    SetupError
-        If no orbit is steady.
-    """
-    table, motions = table_of(context, csv, asked, inputs, figures)
-    if np.isnan(motions.multipliers).all():
-        raise SetupError("no orbit of the map is steady")
-    return table, motions
+    def plan(
+        self, o: Any, sought: Mapping[str, tuple[str, float | str]], columns: Mapping[str, str]
+    ) -> Plan:
+        """The orbits at all points, row by row, run as a question says, and where figures reach levels along each row."""
+        grid = {axis.quantity: axis.values.tolist() for axis in (self.y, self.x)}
+        low, high = self.x.values[[0, -1]].tolist()
+        find = {name: Find(self.x.quantity, low, high, *level) for name, level in sought.items()}
+        names = {axis.quantity: axis.quantity for axis in (self.x, self.y)}
+        plan = plan_of(self.machine, o, grid, find=find, names=names, columns=columns)
+        speed = {SPEED_NAME: self.speed} if SPEED_NAME not in grid else {}
+        return replace(plan, fixed={**plan.fixed, **speed})
 
 
 class Sample(NamedTuple):
@@ -131,8 +110,7 @@ class BuiltMachines(NamedTuple):
         """As many as scrambled Sobol points, a power of 2; a tolerance of 0.05 spreads a part's
         parameter evenly over 0.95 .. 1.05 times its value.
         """
-        columns = qmc.Sobol(len(tolerances), rng=SEED).random(samples).T
-        spread = zip(tolerances.items(), columns)
+        spread = zip(tolerances.items(), Sampling("sobol", samples, SEED).cube(len(tolerances)).T)
         factors = {name: 1.0 + share * (2.0 * x - 1.0) for (name, share), x in spread}
         return cls(plane, ratio, factors)
 
@@ -162,18 +140,6 @@ class BuiltMachines(NamedTuple):
             motions = drive.motions(machines, np.broadcast_to(nu, runs), 1)
             checks.append(compared_with_orbits(sample, motions.columns["tau2"].steps[0], limit))
         return checks
-
-
-def extreme(values: Real, errors: Real, sense: float = 1.0) -> tuple[float, float]:
-    """Return the largest of values, or with a sense of -1 the least, and its error, which reaches as far as any does.
-
-    An error that is not known counts as MARGIN times the largest that is.
-    """
-    if np.isnan(errors).all():
-        return math.nan, math.nan
-    reach = sense * values + np.where(np.isnan(errors), MARGIN * np.nanmax(errors), errors)
-    best = float(np.nanmax(sense * values))
-    return sense * best, float(np.nanmax(reach)) - best
 
 
 def on_edge(probabilities: Any, count: int) -> list[int]:

@@ -5,7 +5,7 @@ limits passed.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -43,13 +43,12 @@ NOT_IN_RANGE = "the swept range does not contain it"
 PHASE_UNDEFINED = "the load ripple is almost zero {}, so its phase is undefined"
 #: Most speeds that a sentence names one by one; a convention.
 MOST_NAMED = 3
-#: Columns of the table by figures, and whether they have errors beside them.
+#: Columns of the table, and the figures in them.
 COLUMNS = {
     "w2": "w2", "w2_phase": "w2_phase", "tau2": "tau2", "tau2_phase": "tau2_phase", "w2_theory": "w2_theory",
     "w2_phase_theory": "w2_phase_theory", "tau2_theory": "tau2_theory", "tau2_phase_theory": "tau2_phase_theory",
-    "lag": "lag", "w_mean": "speed", "f_rod_peak": "f_rod_peak",
+    "lag": "lag", "speed": "w_mean", "f_rod_peak": "f_rod_peak",
 }  # fmt: skip
-WITH_ERROR = ("w2", "tau2", "lag", "w_mean", "f_rod_peak")
 #: What is sought: its meaning, the figure, its level, and the meaning of its height.
 LAG = "speed where the torque ripple lags its load by 90 deg"
 PEAKS = {
@@ -94,17 +93,11 @@ class SpeedSweep:
     @cached_property
     def table(self) -> Table:
         """What the orbits say, speed by speed."""
-        return self.table_of(COLUMNS, WITH_ERROR)
+        return self.table_of(COLUMNS)
 
-    def table_of(self, figures: Mapping[str, str], with_error: Collection[str]) -> Table:
-        """Return figures over the speed, by the names of their columns, some with their errors behind them."""
-        columns, units = {"nu": np.array(self.speeds)}, {"nu": "rad/s"}
-        for name, figure in figures.items():
-            x = self.motions.columns[figure]
-            columns[name], units[name] = x.value, x.unit
-            if name in with_error:
-                columns[f"{name}_error"], units[f"{name}_error"] = x.error, x.unit
-        return Table(columns, units)
+    def table_of(self, figures: Mapping[str, str]) -> Table:
+        """Return figures over the speed, by the names of their columns."""
+        return self.motions.table({"nu": ("rad/s", self.speeds)}, figures)
 
     @property
     def columns(self) -> Mapping[str, Array]:
@@ -281,7 +274,7 @@ def locate(
     return features
 
 
-FoundBy = tuple[LineSearch, list[Found]]
+FoundBy = tuple[LineSearch, Sequence[Found]]
 
 
 def lag_of(sweep: SpeedSweep, found: Sequence[FoundBy]) -> Figure:

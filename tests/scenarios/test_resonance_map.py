@@ -24,7 +24,6 @@ from scenarios.conveyor.parameter_plane import (
     Plane,
     axis,
     compared_with_orbits,
-    extreme,
     on_edge,
     shares,
 )
@@ -33,7 +32,8 @@ from tests.conftest import ROOT, ask, fmus_of, restore_ctrl_c
 from tests.scenarios.orbit_oracle import Drive, features
 from workbench import Context
 from workbench.find import Find, LineSearch
-from workbench.orbits import Columns, Motions
+from workbench.orbits import Columns
+from workbench.plan import Measured, extreme, measure
 
 A = SETS["A"]
 FMUS = fmus_of(resonance_map)
@@ -41,32 +41,37 @@ DRIVE = Runs(Context(FMUS), "strang", 256)
 LIMIT = 50.0
 MONOLITHIC = {36.0: 90.9984270, 40.0: 104.9679504, 60.0: 9.3145045}
 SPEEDS = np.linspace(24.0, 64.0, 11).tolist()
-Points = tuple[Plane, pd.DataFrame, Motions]
+Points = tuple[Plane, Measured]
 
 
 def plane(x: str, y: str, speed: float = 60.0) -> Plane:
     return Plane(axis(FMUS, "x", x, 4), axis(FMUS, "y", y, 2), A, speed)
 
 
+def measured(map_plane: Plane) -> Measured:
+    map_plan = map_plane.plan(DRIVE, resonance_map.SOUGHT, resonance_map.COLUMNS)
+    return measure(DRIVE.context, {"map": map_plan})["map"]
+
+
 @pytest.fixture(scope="module")
 def mapped() -> Points:
     """Speed and motor.T, with the reference machine in the middle row."""
     map_plane = plane("speed=24:64:11", "motor.T=0.05:0.075:3")
-    return map_plane, *resonance_map.sweep(map_plane, DRIVE)
+    return map_plane, measured(map_plane)
 
 
 @pytest.fixture(scope="module")
 def ridges(mapped: Points) -> pd.DataFrame:
-    return resonance_map.ridges(mapped[0], DRIVE, mapped[2])
+    return resonance_map.ridges(*mapped)
 
 
 def ridges_of(map_plane: Plane) -> pd.DataFrame:
-    return resonance_map.ridges(map_plane, DRIVE, resonance_map.sweep(map_plane, DRIVE)[1])
+    return resonance_map.ridges(map_plane, measured(map_plane))
 
 
 def test_torque_ripple_is_that_of_an_independent_integration(mapped: Points) -> None:
     """Within the coupling error of each point."""
-    _, points, _ = mapped
+    points = mapped[1].table.frame
     for nu, ripple in MONOLITHIC.items():
         row = points.iloc[11 + SPEEDS.index(nu)]
         assert 0.0 < row["ripple_error"] < 2e-4 * ripple
@@ -83,7 +88,7 @@ def test_an_extreme_reaches_as_far_as_any_value_and_takes_an_unknown_error_for_l
 
 
 def test_gain_is_theorys_closest_far_from_resonance(mapped: Points) -> None:
-    map_plane, points, _ = mapped
+    map_plane, points = mapped[0], mapped[1].table.frame
     m, nu = map_plane.points()
     damped = m.slope - 4 * m.theta0 * m.T * nu**2 + 2j * nu * m.J
     gain, theory = points["gain"].to_numpy(), A.B / np.abs(damped)
@@ -114,7 +119,7 @@ def test_ridges_do_not_depend_on_the_points_of_the_map(ridges: pd.DataFrame) -> 
 
 
 def test_torque_of_the_wrong_sign_has_no_phase_ridge(mapped: Points) -> None:
-    _, _, motions = mapped
+    motions = mapped[1].motions
     row, sought = motions[:11], Find("speed", SPEEDS[0], SPEEDS[-1], "lag", 90.0)
     turned = {"tau2_phase": row.columns["tau2_phase"].each(lambda x: x + 180.0, "deg", "")}
     reversed_ = replace(
@@ -163,10 +168,12 @@ def test_points_without_a_steady_orbit_are_reported_and_left_out(
 ) -> None:
     """A motor too weak to turn the crank over its spring stands still at every slow speed."""
     map_plane = plane("speed=4:60:4", "motor.T=0.05:0.06:2")._replace(machine=replace(A, B=2.0))
-    points, orbits = resonance_map.sweep(map_plane, DRIVE)
+    orbits = measured(map_plane)
+    points = orbits.table.frame
+    resonance_map.warn_of_unsteady(map_plane, points)
     assert points["ripple"].isna().any() and not points["ripple"].isna().all()
     assert "No steady orbit at motor.T = 0.05 s, speed of 4 rad/s" in caplog.text
-    assert math.isnan(resonance_map.ridges(map_plane, DRIVE, orbits)["lag_90"][0])
+    assert math.isnan(resonance_map.ridges(map_plane, orbits)["lag_90"][0])
 
 
 def test_a_tolerance_is_in_percent() -> None:
@@ -186,7 +193,7 @@ def test_parts_lie_evenly_within_their_tolerance(mapped: Points) -> None:
 
 def machines(mapped: Points, tolerances: Any = resonance_map.TOLERANCES) -> BuiltMachines:
     """Machines like those of the map."""
-    map_plane, points, _ = mapped
+    map_plane, points = mapped[0], mapped[1].table.frame
     ratio = (points["ripple"] / points["ripple_theory"]).to_numpy().reshape(3, -1)
     return BuiltMachines.within(map_plane, ratio, tolerances, 1024)
 
@@ -208,7 +215,7 @@ def test_probability_is_1_on_the_ridge_and_0_far_from_it(mapped: Points) -> None
 def test_probability_rises_with_the_tolerance_outside_the_zone_and_falls_inside(
     mapped: Points,
 ) -> None:
-    edge = int(np.flatnonzero(mapped[1]["ripple"][11:22] > LIMIT)[-1])
+    edge = int(np.flatnonzero(mapped[1].table.columns["ripple"][11:22] > LIMIT)[-1])
     inside, outside = (
         [built(mapped, nu, scale).probability(LIMIT) for scale in (0.0, 0.5, 1.0, 2.0)]
         for nu in SPEEDS[edge : edge + 2]

@@ -26,9 +26,9 @@ from scenarios.project import PROJECT
 from tests.conftest import ROOT, restore_ctrl_c, until
 from workbench import study
 from workbench.cli import main
+from workbench.plan import Sampling
 from workbench.project import NO_PROJECT
 from workbench.study import sensitivity
-from workbench.study.file import Sampling
 
 GRID, TOLERANCES = (
     (ROOT / "tests" / "refused" / f"{name}.toml").read_text() for name in ("grid", "tolerances")

@@ -27,7 +27,7 @@ from ..charts.model import (
     Picture,
     SecondUnit,
 )
-from .file import Study
+from ..plan import Plan
 
 #: Figures of a study that are drawn; chosen: as many panels as a page shows.
 MAX_CHARTS = 6
@@ -41,14 +41,14 @@ Units = Mapping[str, str]
 
 
 def overview(
-    study: Study, table: pd.DataFrame, figures: Sequence[str], units: Units
+    plan: Plan, table: pd.DataFrame, figures: Sequence[str], units: Units
 ) -> list[Picture]:
     """Figures over one input, maps over two, or every figure over every input; none without numbers."""
     names = [name for name in figures if table[name].notna().any()][:MAX_CHARTS]
-    grid = [name for name in study.grid if pd.api.types.is_numeric_dtype(table[name])]
+    grid = [name for name in plan.grid if pd.api.types.is_numeric_dtype(table[name])]
     if not names:
         return []
-    if len(grid) == len(study.varied) == MAP_INPUTS:
+    if len(grid) == len(plan.varied) == MAP_INPUTS:
         return [heat_map(table, grid, name, units) for name in names]
 
     def chart(title: str, x: str, curve: Callable[[str], Curve]) -> Chart:
@@ -59,18 +59,18 @@ def overview(
             panels.append(Panel(name, units.get(name) or "1", [curve_of_figure], includes=includes))
         return Chart(title, x, panels)
 
-    if not study.varied:
+    if not plan.varied:
         return []
-    if study.tolerances and not study.grid:
+    if plan.tolerances and not plan.grid:
         return [
             *(
                 chart(f"Figures over {x}", _label(x, units), partial(_points, table, x))
-                for x in study.tolerances
+                for x in plan.tolerances
             ),
             chart("Spread of the figures", "runs below [%]", partial(distribution_curve, table)),
         ]
-    x = (grid or study.varied)[0]
-    curve = partial(_line if len(study.varied) == 1 else _band, table, x)
+    x = (grid or plan.varied)[0]
+    curve = partial(_line if len(plan.varied) == 1 else _band, table, x)
     log = bool(grid) and is_geometric(table[x].unique())
     return [chart(f"Figures over {x}", _label(x, units), curve)._replace(log=log)]
 
@@ -188,12 +188,12 @@ def heat_map(
     return HeatMap(x=x, y=y, values=square.to_numpy(), **whole)
 
 
-def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Picture]:
+def sensitivity(plan: Plan, indices: pd.DataFrame, units: Units) -> list[Picture]:
     """Return the shares of the inputs with 95 % confidence.
 
     They stand over the grid if it has one input, the last index of each; else as bars, a mean over it.
     """
-    over = next(iter(study.grid)) if len(study.grid) == 1 else ""
+    over = next(iter(plan.grid)) if len(plan.grid) == 1 else ""
     panels = []
     for name, figure_rows in list(indices.groupby("figure", sort=False))[:MAX_CHARTS]:
         if over:
@@ -205,13 +205,13 @@ def sensitivity(study: Study, indices: pd.DataFrame, units: Units) -> list[Pictu
             ]
         else:
             means = figure_rows.groupby(["kind", "input"])[["value", "confidence"]].mean()
-            names = list(study.tolerances)
+            names = list(plan.tolerances)
             curves = [
                 _shares(KINDS[kind], names, means.loc[kind].reindex(names), color, "bars")
                 for kind, color in zip(figure_rows["kind"].unique(), ("blue", "gold"))
             ]
         panels.append(Panel(f"share of {name}", "1", curves, includes=(0.0,)))
-    mean = f", mean over {', '.join(study.grid)}" if len(study.grid) > 1 else ""
+    mean = f", mean over {', '.join(plan.grid)}" if len(plan.grid) > 1 else ""
     title = f"What moves the figures: shares of their variance{mean}"
     return [Chart(title, _label(over, units) if over else "input", panels)]
 

@@ -8,14 +8,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
-from math import isfinite, prod
+from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
-from scipy.stats import qmc
 from scipy.stats.distributions import rv_frozen
 
 from cosim import SetupError
@@ -23,12 +21,11 @@ from cosim.units import read_quantity
 
 from ..find import Find
 from ..formula import Formula
-from ..options import TYPE_NAMES, Option, declared, quoted, unknown_option
+from ..options import TYPE_NAMES, Option, declared, quoted
+from ..plan import LEAST, Plan, Sampling, Value, input_of
 from ..project import NO_PROJECT, Project
 from ..question import Question
 
-Value = float | int | str | bool
-Samples = NDArray[np.float64]
 Spec = Mapping[str, Any]
 KEYS = (
     "scenario", "timeout", "figures", "judgements", "fixed", "grid", "linked", "sampling", "tolerances", "limits", "find",
@@ -40,8 +37,6 @@ RANGE = "a list of values or { from, to, number }"
 WIDTH = 'a number above 0, or a share of the nominal value such as "5 %"'
 SALIB = 'SALib: pip install "drive-fmus[studies]"'
 METHODS = ("lhs", "sobol", "saltelli")
-#: Distance of samples from the faces of the unit cube; derived from the 30 bits of scipy's Sobol numbers, half of one.
-LEAST = 2.0**-31
 #: Runs of a study at most; chosen: about a day of runs of 0.1 s.
 MAX_RUNS = 1 << 20
 TIMEOUT = Option("timeout", float, unit="s", bounds={"above": 0.0, "at most": 1e6})
@@ -57,60 +52,19 @@ SAMPLING = {
 }
 
 
-class Sampling(NamedTuple):
-    """How tolerances are sampled: method, base number of samples, seed."""
+@dataclass(frozen=True, kw_only=True)
+class Study(Plan):
+    """The plan of a study file, whose `content` is the file as it was parsed; `timeout` is in s.
 
-    method: str
-    number: int
-    seed: int
-
-    def group(self, dimensions: int) -> int:
-        """Rows of a sample; those of Saltelli's extension give indices of first and total order."""
-        return dimensions + 2 if self.method == "saltelli" else 1
-
-    def cube(self, dimensions: int) -> Samples:
-        """Samples of the unit cube but for its faces, shape (number * group, dimensions)."""
-        if self.method == "saltelli":
-            from SALib.sample import sobol
-
-            inputs = salib_problem([str(number) for number in range(dimensions)])
-            cube = sobol.sample(inputs, self.number, calc_second_order=False, seed=self.seed)
-        else:
-            kind = {"lhs": qmc.LatinHypercube, "sobol": qmc.Sobol}[self.method]
-            cube = kind(dimensions, rng=self.seed).random(self.number)
-        return np.asarray(np.clip(cube, LEAST, 1.0 - LEAST))
-
-
-def salib_problem(inputs: Sequence[str]) -> dict[str, Any]:
-    """Inputs between 0 and 1, as SALib wants them."""
-    return {"num_vars": len(inputs), "names": list(inputs), "bounds": [[0.0, 1.0]] * len(inputs)}
-
-
-@dataclass(frozen=True)
-class Study:
-    """What a study file says; `content` is the file as it was parsed, `timeout` is in s.
-
-    `question` is what it asks; `tolerances` are distributions of scipy.stats; `limits` are of figures, in their units or
-    as texts with one; `linked` are inputs that follow from the others by formulas; `find` is what is sought in each run, by
-    the name of the figure. With `judgements` these are figures as well.
-    `units` are those of start values whose range or nominal value states one.
+    `figures` are to be drawn and analysed, by default all; with `judgements` these are figures as well.
     """
 
     path: Path
     content: Spec
     project: Project
-    question: type[Question]
-    sampling: Sampling | None
     timeout: float | None
     figures: Sequence[str]
-    fixed: Mapping[str, Value]
-    grid: Mapping[str, Sequence[Value]]
-    linked: Mapping[str, Formula]
-    tolerances: Mapping[str, rv_frozen]
-    limits: Mapping[str, float | str]
-    find: Mapping[str, Find]
     judgements: bool
-    units: Mapping[str, str]
 
     @property
     def name(self) -> str:
@@ -121,40 +75,6 @@ class Study:
     def scenario(self) -> str:
         """The question, or the file that holds it."""
         return str(self.content["scenario"])
-
-    @property
-    def varied(self) -> list[str]:
-        """The inputs that vary: those of the grid, then the sampled ones."""
-        return [*self.grid, *self.tolerances]
-
-    def samples(self) -> list[tuple[float, ...]]:
-        """The sampled values, the same at each point of the grid; one empty row without any."""
-        if self.sampling is None:
-            return [()]
-        cube = self.sampling.cube(len(self.tolerances))
-        columns = [d.ppf(shares) for d, shares in zip(self.tolerances.values(), cube.T)]
-        return [tuple(row) for row in np.column_stack(columns).tolist()]
-
-    def runs(self) -> list[tuple[Value, ...]]:
-        """The values of the varied inputs, run by run: the samples at one grid point, at the next."""
-        samples = self.samples()
-        points = itertools.product(*self.grid.values())
-        return [(*point, *sample) for point in points for sample in samples]
-
-    def cases(self) -> list[dict[str, Value]]:
-        """What each run is given: options of the question and start values, which have a dot."""
-        cases = []
-        for run in self.runs():
-            values = dict(zip(self.varied, run))
-            numbers: Any = {**self.fixed, **values}
-            linked = {name: formula(numbers) for name, formula in self.linked.items()}
-            cases.append({**self.fixed, **self.given(values), **linked})
-        return cases
-
-    def given(self, values: Mapping[str, Value]) -> dict[str, Value]:
-        """Values of inputs, those that are in a unit of their own as texts with it."""
-        units = self.units
-        return {name: f"{x!r}{units[name]}" if name in units else x for name, x in values.items()}
 
 
 def load(path: Path, project: Project = NO_PROJECT) -> Study:
@@ -217,13 +137,13 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     find = {name: read_find(question, name, spec) for name, spec in tables["find"].items()}
     timeout = TIMEOUT.read(content.get("timeout"))
     return Study(
-        path,
-        content,
-        project,
-        question,
-        sampling,
-        timeout,
-        figures,
+        path=path,
+        content=content,
+        project=project,
+        question=question,
+        sampling=sampling,
+        timeout=timeout,
+        figures=figures,
         **read,
         limits=limits,
         find=find,
@@ -289,36 +209,14 @@ def _limit(name: str, raw: Any) -> float | str:
     return value
 
 
-class _StartValue(Option):
-    """A start value of an FMU, whose type and unit are those of its variable."""
-
-    def read(self, raw: Any, key: str = "") -> Any:
-        """The value itself."""
-        if not isinstance(raw, float | int | str | bool):
-            raise SetupError(f"{key} = {quoted(raw)} must be a start value")
-        if isinstance(raw, float) and not isfinite(raw):
-            raise SetupError(f"{key} = {raw} must be finite")
-        return raw
-
-
-def _input(question: type[Question], table: str, name: str, spec: object) -> Option:
-    """Return what checks the values of an input: an option of the question, or a start value with a dot."""
-    options, key, who = declared(question), _key(table, name), question.name
-    if name in options:
-        return options[name]
-    part, dot, _ = name.partition(".")
-    if not dot:
-        if isinstance(spec, dict) and not {"from", "nominal"} & set(spec):
-            form = f'"{name}.{next(iter(spec), "…")}" = …'
-            raise SetupError(f"{key}: write a start value in quotes, {form}")
-        raise unknown_option(name, options, f"{key}: {who}")
-    parts = question.parts
-    if part not in parts:
-        choices = f"part {part!r}, only {', '.join(parts)}" if parts else "start values"
-        raise SetupError(f"{key}: {who} has no {choices}")
-    if name in question.fixed_starts:
-        raise SetupError(f"{key}: {who} sets it itself")
-    return _StartValue(name, float)
+def _input(question: type[Question], table: str, name: str, spec: Any) -> Option:
+    """Return what checks the values of an input."""
+    key = _key(table, name)
+    is_value = not isinstance(spec, dict) or {"from", "nominal"} & set(spec)
+    if name not in declared(question) and "." not in name and not is_value:
+        form = f'"{name}.{next(iter(spec), "…")}" = …'
+        raise SetupError(f"{key}: write a start value in quotes, {form}")
+    return input_of(question, name, key)
 
 
 def _values(option: Option, spec: Any, key: str) -> list[Value]:

@@ -22,8 +22,6 @@ from cosim.system import connect
 from ..answer import Answer
 from ..export import write
 from ..files import replacement
-from ..find import Find
-from ..options import declared
 from ..run import rows
 from ..runs.folder import contents, reservation, unpack
 from ..runs.identity import computation
@@ -68,7 +66,7 @@ def run(
         unpack(inputs, home)
         page = home / question_files[0].name if question_files else study.question.locator
         files = {part: home / path.name for part, path in fmus.items()}
-        answers = partial(rows, page, files, finds=_finds(study, fmus), judged=study.judgements)
+        answers = partial(rows, page, files, finds=study.finds(fmus), judged=study.judgements)
         runner = replace(runner, page=str(page), files=[home / name for name in inputs])
         cases = dict(enumerate(study.cases()))
         at_once = study.question.at_once
@@ -128,16 +126,8 @@ def work(
     """
     fmus = study.project.fmus(study.question, flavour or study.project.flavour(study.question))
     return partial(
-        rows, study.question.locator, fmus, finds=_finds(study, fmus), judged=study.judgements
+        rows, study.question.locator, fmus, finds=study.finds(fmus), judged=study.judgements
     ), study.cases()
-
-
-def _finds(study: Study, fmus: Mapping[str, Path]) -> dict[str, Find]:
-    """What a study finds, with the units of start values."""
-    return {
-        name: x._replace(unit=connect(System(fmus)).port(x.over).unit) if "." in x.over else x
-        for name, x in study.find.items()
-    }
 
 
 def identity(study: Study, fmus: Mapping[str, Path], flavour: str) -> dict[str, Any]:
@@ -157,14 +147,10 @@ def _units(study: Study, fmus: Mapping[str, Path]) -> dict[str, str]:
         values |= {name: [x] for name, x in study.cases()[0].items() if name in study.linked}
     values |= {name: ends(tolerance) for name, tolerance in study.tolerances.items()}
     start_values = {name: several for name, several in values.items() if "." in name}
-    network = connect(System(fmus)) if fmus else None
     try:
         for each in zip_longest(*start_values.values()):
             start = {name: value for name, value in zip(start_values, each) if value is not None}
             connect(System(fmus, start=study.given(start)))
-        units = {name: network.port(name).unit for name in study.varied if network and "." in name}
-        units |= study.units
+        return study.units_of(fmus)
     except SetupError as error:
         raise SetupError(f"{study.path}: {error}") from None
-    options = declared(study.question)
-    return {name: units[name] if "." in name else options[name].unit for name in study.varied}

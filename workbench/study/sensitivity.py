@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from .file import SALIB, Samples, Sampling, Study, salib_problem
+from ..plan import Samples, Sampling, salib_problem
+from .file import SALIB, Study
 
 #: Harmonics of RBD-FAST; chosen: FAST is usually run with 4 or 6 (Saltelli, Tarantola and Chan, 1999), and more
 #: harmonics add noise to few samples.

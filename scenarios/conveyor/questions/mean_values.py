@@ -20,14 +20,15 @@ from workbench import (
     Findings,
     Judgement,
     Mark,
-    Question,
+    Plan,
+    PlanQuestion,
     Show,
     Table,
     option,
 )
 from workbench.charts import model as colors
 from workbench.figure import figure_of_figures
-from workbench.orbits import table_of
+from workbench.plan import Measured
 from workbench.study.charts import curves_over
 
 from .. import motion
@@ -36,7 +37,7 @@ from ..first_order import SETS, Machine
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, machine_with_start_values
 from ..options import LINEAR_MOTOR_STARTS, speeds_of
-from ..orbit import MEANS, Drive
+from ..orbit import MEANS, Drive, plan_of
 from ..papers import cited
 from ..second_order import means
 from ..speed_sweep import SPEEDS
@@ -71,7 +72,7 @@ CURVE_SPEEDS = 400
 SETTLED = 2.0
 
 
-class MeanValues(Question):
+class MeanValues(PlanQuestion):
     """The sweep over speeds, and the speed of the tables."""
 
     parts = DRIVE
@@ -90,40 +91,50 @@ class MeanValues(Question):
         None, "operating speed, the resonance (22) by default", "rad/s", above=0.0
     )
 
-    def solve(self, context: Context) -> Findings:
-        """Orbits over the speed, and the drift to the operating speed; raises cosim.SetupError.
+    @property
+    def machine(self) -> Machine:
+        """The machine with its start values."""
+        return SETS[self.set].follow(self.start)
 
-        This replaces the single certified run, because the figures come from steady orbits at many speeds, and
-        those of the step from several starts that are averaged.
-        """
-        machine, drive = (
-            machine_with_start_values(context.fmus, SETS[self.set], self.start),
-            Drive.of(context, self),
-        )
-        nus = self.speeds or speeds_of(SPEEDS[self.set])
-        operating = self.speed or float(machine.nu_res)
-        for nu in (*nus, operating):
+    @property
+    def nus(self) -> tuple[float, ...]:
+        """The speeds of the table [rad/s]."""
+        return self.speeds or speeds_of(SPEEDS[self.set])
+
+    @property
+    def operating(self) -> float:
+        """The operating speed [rad/s]."""
+        return self.speed or float(self.machine.nu_res)
+
+    def plans(self, context: Context) -> dict[str, Plan]:
+        """Orbits over the speed, and at the operating speed."""
+        machine = machine_with_start_values(context.fmus, SETS[self.set], self.start)
+        for nu in (*self.nus, self.operating):
             require_enough_steps_per_rev(self, machine, nu)
-        every = sorted({*nus, operating})
         columns = {name + end: name + end for name in MEANS for end in ("", "_theory", "_plain")}
-        inputs = {"nu": ("rad/s", every)}
-        table, found = table_of(context, TABLE, drive.asked(machine, every), inputs, columns)
-        table = Table.of_frame(table.frame[table.frame["nu"].isin(nus)], table.units)
-        at = found.motion(every.index(operating)).figures
-        step_response, figures = drifts(machine, drive, operating)
+        grid = {"speed": sorted({*self.nus, self.operating})}
+        return {TABLE: plan_of(machine, self, grid, names={"speed": "nu"}, columns=columns)}
+
+    def conclude(self, context: Context, measured: Mapping[str, Measured]) -> Findings:
+        """The means at the operating speed, and the drift to it, from several starts that are averaged."""
+        (found,), operating, drive = measured.values(), self.operating, Drive.of(context, self)
+        frame = found.table.frame
+        table = Table.of_frame(frame[frame["nu"].isin(self.nus)], found.table.units)
+        at = found.motions.motion(found.plan.grid["speed"].index(operating)).figures
+        step_response, figures = drifts(self.machine, drive, operating)
         torque = at["torque"]
         for name in DRIFT:
             if torque.error is None:  # nothing that the mean speed could settle at
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
             figures_against_no_ripple(at) | figures,
-            MeanData(machine, drive, operating, table, step_response),
-            conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
+            MeanData(self.machine, drive, operating, table, step_response),
+            conveyor_drive(context.fmus, {**self.machine.start(operating), **self.start}),
             communication=f"{self.steps_per_rev} steps per revolution",
             algorithm=self.algorithm,
             tables={TABLE: table, STEP_TABLE: step_response},
             facts={"operating_speed": operating},
-            defaults={"speed": operating, "speeds": nus},
+            defaults={"speed": operating, "speeds": self.nus},
         )
 
     def judgements(self, f: Mapping[str, Figure], r: MeanData) -> list[Judgement]:

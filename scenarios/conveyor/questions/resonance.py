@@ -18,7 +18,7 @@ for each speed; with `--supply mains` it has that of its start values, and the o
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -163,22 +163,17 @@ class Resonance(Question, NameplateOptions, RippleOptions):
     def solve_all(
         cls, context: Context, questions: Sequence[Resonance]
     ) -> list[Findings | SetupError]:
-        """Return what many questions of this kind find, or why one is refused, in their order.
-
-        Their machines are members of one batch where they are run with the same steps and have the same texts and
-        whole numbers for start values.
-        """
+        """Return what many questions of this kind find, or why one is refused, in their order."""
         found: dict[int, Findings | SetupError] = {}
-        batches: dict[Hashable, dict[int, SweepPlan]] = {}
+        plans: dict[int, SweepPlan] = {}
         machines = [SETS[question.set].follow(question.start) for question in questions]
         refused = refusals(context.fmus, machines)
         for k, (question, machine, why) in enumerate(zip(questions, machines, refused)):
             try:
-                plan = plan_sweep(question, machine, why)
-                batches.setdefault(plan.batch, {})[k] = plan
+                plans[k] = plan_sweep(question, machine, why)
             except SetupError as error:
                 found[k] = error
-        for plans in batches.values():
+        if plans:
             found |= zip(plans, solve_sweeps(context, list(plans.values())))
         return [found[k] for k in range(len(questions))]
 
@@ -248,16 +243,6 @@ class SweepPlan(NamedTuple):
     speeds: Sequence[float]
     speed: float
 
-    @property
-    def batch(self) -> Hashable:
-        """What machines have in common that are run together."""
-        more = {x: None if isinstance(y, float) else y for x, y in self.machine.more.items()}
-        return (
-            self.question.algorithm,
-            self.question.steps_per_rev,
-            frozenset(more.items()),
-        )
-
 
 @dataclass(frozen=True)
 class ResonanceData:
@@ -303,14 +288,17 @@ def plan_sweep(o: Resonance, base: Machine, why: str) -> SweepPlan:
 
 
 def solve_sweeps(context: Context, plans: Sequence[SweepPlan]) -> Iterator[Findings]:
-    """Yield what each of many machines that are run alike gives: all are swept together, and all features located."""
-    drive = Drive.of(context, plans[0].question)
+    """Yield what each of many machines gives: all are swept together, and all features located."""
+    drives = [Drive.of(context, plan.question) for plan in plans]
     every = [np.array(sorted({*plan.speeds, plan.speed})) for plan in plans]
-    asked = [drive.asked(p.machine, x, classical.ClassicalOrbit) for p, x in zip(plans, every)]
+    asked = [
+        drive.asked(plan.machine, x, classical.ClassicalOrbit)
+        for drive, plan, x in zip(drives, plans, every)
+    ]
     swept = run_sweeps(context, asked)
     inside = [sweep.at(plan.speeds) for plan, sweep in zip(plans, swept)]
     located = locate(context, inside, [plan.question.torque_ripple_limit for plan in plans])
-    for plan, sweep, features in zip(plans, swept, located):
+    for drive, plan, sweep, features in zip(drives, plans, swept, located):
         yield findings(drive, plan, sweep, features)
 
 

@@ -25,15 +25,16 @@ from workbench import (
     Figure,
     Findings,
     Judgement,
-    Question,
+    Plan,
+    PlanQuestion,
     Show,
     Table,
     option,
 )
 from workbench.charts.model import CurveLook, GridAxis, HeatMap, Level, Mark, NamedLook, Span
-from workbench.find import Find, LineSearch, search
 from workbench.options import check_fixed_starts
-from workbench.orbits import STEP_MULTIPLES, Motions, orbit_figure
+from workbench.orbits import STEP_MULTIPLES, orbit_figure
+from workbench.plan import Measured, extreme
 from workbench.study.charts import curves_over, heat_map
 from workbench.study.words import interval, stretches_of
 
@@ -43,7 +44,7 @@ from ..first_order import FIELDS, SETS
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, machine_with_start_values
 from ..options import RippleOptions
-from ..orbit import Drive
+from ..orbit import Drive, require_steady
 from ..papers import cited
 from ..parameter_plane import (
     SPEED_NAME,
@@ -51,7 +52,6 @@ from ..parameter_plane import (
     Plane,
     Sample,
     axis,
-    extreme,
     on_edge,
     shares,
     span,
@@ -82,7 +82,7 @@ COLUMNS = {"tau2": "ripple", "gain": "gain", "lag": "lag", "tau2_theory": "rippl
 UNITS = {"ripple": "N.m", "ripple_error": "N.m", "gain": "1", "gain_error": "1", "lag": "deg", "lag_error": "deg",
          "ripple_theory": "N.m", "probability": "1", "ripple_in_range": "N.m", "probability_in_range": "1"}  # fmt: skip
 #: What a row is searched for.
-SOUGHT: tuple[tuple[str, float | str], ...] = (("lag", 90.0), ("tau2", "largest"))
+SOUGHT: dict[str, tuple[str, float | str]] = {"lag_90": ("lag", 90.0), "peak": ("tau2", "largest")}
 #: Probability up to which nearly all machines stay clear; a convention.
 SURE = 0.01
 NEARLY_ALL = f"in at least {1 - SURE:.0%} of the machines"
@@ -95,7 +95,7 @@ RIDGES = ("lag_90", "lag_90_error", "formula", "peak", "peak_error", "peak_theor
 RANGES = ("ripple_in_range", "probability_in_range")
 
 
-class ResonanceMap(Question, RippleOptions):
+class ResonanceMap(PlanQuestion, RippleOptions):
     """The axes of the map, what stays fixed, and how many machines are drawn and checked."""
 
     parts = DRIVE
@@ -123,29 +123,28 @@ class ResonanceMap(Question, RippleOptions):
     check_runs: int = option(128, "machines to co-simulate at each check", least=1)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
-    def solve(self, context: Context) -> Findings:
-        """Run the map, find its ridges and its risk; rows of the map are kept on the way.
-
-        This replaces the single certified run, because the figures come from a theory over a plane of machines,
-        which steady orbits of some of them check.
-
-        Raises cosim.SetupError for settings that cannot give an answer.
-        """
-        plane, within = plan_map(self, context)
-        spread = shares(context.fmus, "tolerance", self.tolerance, TOLERANCES)
+    def plans(self, context: Context) -> dict[str, Plan]:
+        """Orbits at every point of the plane, and in each row of it where their ridges are."""
+        plane, _ = plane_of(self, context)
         if self.samples & (self.samples - 1):
             raise SetupError(f"samples = {self.samples} must be a power of 2, at least 2")
         if self.check_runs > self.samples:
             raise SetupError(
                 f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
             )
-        drive = Drive.of(context, self)
+        spread_of(self, context)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
         require_enough_steps_per_rev(self, machine[worst], float(nu[worst]), STEP_MULTIPLES[-1])
+        return {TABLE: plane.plan(self, SOUGHT, COLUMNS)}
 
-        points, orbits = sweep(plane, drive)
-        rows = ridges(plane, drive, orbits)
+    def conclude(self, context: Context, measured: Mapping[str, Measured]) -> Findings:
+        """The ridges of the map and its risk: that of a theory over machines, some of which are run."""
+        (plane, within), (map_points,) = plane_of(self, context), measured.values()
+        require_steady(map_points.motions)
+        drive, spread = Drive.of(context, self), spread_of(self, context)
+        points, rows = map_points.table.frame, ridges(plane, map_points)
+        warn_of_unsteady(plane, points)
         error = float((points["ripple_error"] / points["ripple"]).max())
         map_ = Map(plane, drive, points, rows.assign(**dict.fromkeys(RANGES, math.nan)), within)
         ratio = map_.field("ripple") / map_.field("ripple_theory")
@@ -224,8 +223,9 @@ class ResonanceMap(Question, RippleOptions):
 
     def show(self, f: Mapping[str, Figure], r: Map) -> Show:
         """Both maps, the rows, and one revolution where the torque swings most."""
-        worst = r.plane.nodes()[int(r.points["ripple"].argmax())]
-        turn = motion.revolution(r.drive, *r.plane.at(*worst))
+        worst = int(r.points["ripple"].argmax())
+        machine, nu = r.plane.points()
+        turn = motion.revolution(r.drive, machine[worst], float(nu[worst]))
         return Show(
             [*maps(r, self.torque_ripple_limit), chart_of_rows(r, self.torque_ripple_limit)], *turn
         )
@@ -303,7 +303,7 @@ def chart_of_rows(r: Map, limit: float) -> Chart:
     )  # fmt: skip
 
 
-def plan_map(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
+def plane_of(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, float] | None]:
     """The plane, and the operating range if x is the speed; raises SetupError."""
     across, up = axis(context.fmus, "x", o.x, 4), axis(context.fmus, "y", o.y, 2)
     if across.quantity == up.quantity:
@@ -321,43 +321,41 @@ def plan_map(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, flo
     return plane, span("range", o.range or RANGE, across)
 
 
-def sweep(plane: Plane, drive: Drive) -> tuple[DataFrame, Motions]:
-    """The rows of the table of all points, and their motions; points without one are warned of."""
-    table, motions = plane.table(drive, TABLE, COLUMNS)
-    for y, row in table.frame.groupby(plane.y.quantity):
+def spread_of(o: ResonanceMap, context: Context) -> dict[str, float]:
+    """The tolerances of the parts as shares of 1; raises SetupError."""
+    return shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
+
+
+def warn_of_unsteady(plane: Plane, points: DataFrame) -> None:
+    """Warn of points without a steady orbit."""
+    for y, row in points.groupby(plane.y.quantity):
         if (unsteady := row["ripple"].isna().to_numpy()).any():
             ridge_name = f"{plane.y.quantity} = {y:.3g} {plane.y.unit}, {plane.x.quantity}"
             logging.getLogger("cosim").warning(
                 f"No steady orbit at {ridge_name} of {stretches(plane.x, unsteady)}"
             )
-    return table.frame, motions
 
 
-def ridges(plane: Plane, drive: Drive, motions: Motions) -> DataFrame:
-    """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it
-    has none. The motions are those of all points.
-    """
-    x, levels, unit = plane.x.values, plane.y.values, plane.x.unit
-    searches = [
-        LineSearch.along(
-            motions[np.arange(k * len(x), (k + 1) * len(x))],
-            Find(plane.x.quantity, x[0], x[-1], figure, level, unit=unit),
-            x,
+def ridges(plane: Plane, measured: Measured) -> DataFrame:
+    """Where every row has its ridges, with their errors, beside formula (22) and theory; nan where it has none."""
+    of_lag, of_peak = (
+        [*zip(x, y)] for x, y in zip(measured.searches.values(), measured.found.values())
+    )
+    rows = []
+    for y, lag, (peak, (top,)) in zip(plane.y.values, of_lag, of_peak):
+        at, formulas = first_lag([lag]), (lag[0].by_guide(), peak.by_guide())
+        rows.append(
+            (
+                y,
+                at.value,
+                at.known_error,
+                formulas[0],
+                top.place.value,
+                top.place.known_error,
+                formulas[1],
+            )
         )
-        for k in range(len(levels))
-        for figure, level in SOUGHT
-    ]
-    found = search(drive.context, searches)
-    lags = [first_lag([pair]) for pair in zip(searches[::2], found[::2])]
-    peaks = [top.place for (top,) in found[1::2]]
-    formulas = [s.by_guide() for s in searches]
-    rows = [
-        (y, lag.value, lag.known_error, formula, peak.value, peak.known_error, of_theory)
-        for y, lag, formula, peak, of_theory in zip(
-            levels, lags, formulas[::2], peaks, formulas[1::2]
-        )
-    ]
-    return Table.of_rows(rows, dict.fromkeys([plane.y.quantity, *RIDGES], unit)).frame
+    return Table.of_rows(rows, dict.fromkeys([plane.y.quantity, *RIDGES], plane.x.unit)).frame
 
 
 def add_risk(r: Map, built: BuiltMachines, count: int, most: float) -> list[Sample]:

@@ -25,7 +25,8 @@ from workbench import (
     Findings,
     Judgement,
     Mark,
-    Question,
+    Plan,
+    PlanQuestion,
     Show,
     Table,
     option,
@@ -41,6 +42,7 @@ from workbench.orbits import (
     figure_of,
     orbit_figure,
 )
+from workbench.plan import Measured, extreme
 from workbench.steady import ORBIT_ANGLES
 from workbench.study.charts import curves_over, heat_map
 
@@ -50,9 +52,8 @@ from ..first_order import NODE_ANGLES, SETS, Machine, rod_force
 from ..machine import PARTS as DRIVE
 from ..machine import conveyor_drive, machine_with_start_values
 from ..options import RippleOptions, by_set
-from ..orbit import OPERATING, Drive
+from ..orbit import OPERATING, Drive, plan_of, require_steady
 from ..papers import cited
-from ..parameter_plane import extreme, table_of_map
 from ..rod_waveform import (
     CLOSE,
     ROD_FORCE,
@@ -71,6 +72,7 @@ SPRINGS = {"": "machine's spring", "_unloaded": "spring that unloads the rod"}
 SPRING_COLORS = ("red", "blue")
 #: Speeds of a curve of theory; chosen: more than the eye tells apart.
 CURVE_SPEEDS = 100
+INPUTS = {"speed": "nu", "conveyor.spring.c": "c"}
 COLUMNS = {
     "f_rod_peak": "f_rod", "f_rod_formula": "f_rod_formula", "tau2": "tau2", "tau2_theory": "tau2_theory",
 }  # fmt: skip
@@ -80,7 +82,7 @@ FEWEST = 4
 WELL = 1.02
 
 
-class RodForce(Question, RippleOptions):
+class RodForce(PlanQuestion, RippleOptions):
     """The operating speed, the plane of speeds and springs, and the rows of a revolution."""
 
     parts = DRIVE
@@ -93,30 +95,31 @@ class RodForce(Question, RippleOptions):
     springs: tuple[float, ...] = option("0:1.2e6:11", "springs of the map", "N/m", least=0.0)
     steps_per_rev: int = option(256, "communication steps per revolution", least=1)
 
-    def solve(self, context: Context) -> Findings:
-        """Run the plane, and more where the rod is unloaded; raises cosim.SetupError.
+    @property
+    def nu(self) -> float:
+        """The operating speed [rad/s]."""
+        return self.speed or OPERATING[self.set]
 
-        This replaces the single certified run, because the figures come from steady orbits over speeds and
-        springs, and the best spring from a search among them.
-        """
+    def plans(self, context: Context) -> dict[str, Plan]:
+        """Orbits over springs and speeds."""
         axes = (("speeds", "rad/s", self.speeds), ("springs", "N/m", self.springs))
         for name, unit, values in axes:
             if len(values) < FEWEST:
                 raise SetupError(f"{name} = {values} {unit} must be {FEWEST} values or more")
-        present, nu = (
-            machine_with_start_values(context.fmus, SETS[self.set], self.start),
-            self.speed or OPERATING[self.set],
-        )
+        present = machine_with_start_values(context.fmus, SETS[self.set], self.start)
+        slowest = min(self.nu, *self.speeds)
+        require_enough_steps_per_rev(self, present, slowest, STEP_MULTIPLES[-1])
+        grid = {"conveyor.spring.c": self.springs, "speed": self.speeds}
+        return {TABLE: plan_of(present, self, grid, names=INPUTS, columns=COLUMNS)}
+
+    def conclude(self, context: Context, measured: Mapping[str, Measured]) -> Findings:
+        """The plane beside theory, and the spring that unloads the rod, from a search among more orbits."""
+        (plane,), present, nu = measured.values(), SETS[self.set].follow(self.start), self.nu
+        require_steady(plane.motions)
         system = conveyor_drive(context.fmus, present.start(nu))
         held = {key: parameter.value for key, parameter in parameters(system).items()}
         length = held["conveyor.rod.l"] if held["conveyor.rod.finite"] else math.inf
-        drive = Drive.of(context, self)
-        require_enough_steps_per_rev(self, present, min(nu, *self.speeds), STEP_MULTIPLES[-1])
-        c, nus = (x.ravel() for x in np.meshgrid(self.springs, self.speeds, indexing="ij"))
-        inputs = {"nu": ("rad/s", nus.tolist()), "c": ("N/m", c.tolist())}
-        asked = drive.asked(replace(present, c=c), nus)
-        table, motions = table_of_map(context, TABLE, asked, inputs, COLUMNS)
-        table = with_theory(table, motions, length)
+        drive, table = Drive.of(context, self), with_theory(plane.table, plane.motions, length)
         spring, machines = unloading_spring(drive, present, nu), {"": present}
         if spring.error is not None:
             machines["_unloaded"] = replace(present, c=spring.value)
