@@ -43,12 +43,20 @@ def names(home: Path | None) -> Mapping[str, str]:
 
 
 def summary(home: Path, module: str) -> str:
-    """Return the question of a module of the package, in one line, and whether it is a plan; it is not imported."""
+    """Return the question of a module of the package, in one line; it is not imported."""
+    return (ast.get_docstring(syntax_tree(home, module)) or "").partition("\n")[0]
+
+
+def is_plan(home: Path, module: str) -> bool:
+    """Whether the question of a module of the package is answered by plans; it is not imported."""
+    classes = (x for x in syntax_tree(home, module).body if isinstance(x, ast.ClassDef))
+    return any(ast.unparse(base) == "PlanQuestion" for x in classes for base in x.bases)
+
+
+def syntax_tree(home: Path, module: str) -> ast.Module:
+    """Return the syntax tree of a module of the package."""
     path = home.parent.joinpath(*module.split(".")).with_suffix(".py")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    bases = [ast.unparse(x) for y in tree.body if isinstance(y, ast.ClassDef) for x in y.bases]
-    plan = " (a plan)" if "PlanQuestion" in bases else ""
-    return (ast.get_docstring(tree) or "").partition("\n")[0] + plan
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def is_from_file(module: ModuleType) -> bool:

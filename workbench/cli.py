@@ -65,10 +65,11 @@ def main(argv: Sequence[str], project: Project, program: str) -> int:
 def show_list(argv: Sequence[str], project: Project, program: str) -> int:
     """Print the questions of the project; none is imported."""
     Parser(prog=f"{program} list", description="Print the questions, a line each.").parse_args(argv)
-    questions = catalog.names(project.home)
+    home, questions = Path(str(project.home)), catalog.names(project.home)
     width = max(map(len, questions), default=0)
     for name, module in questions.items():
-        print(f"{name:<{width}} {catalog.summary(Path(str(project.home)), module)}")
+        plan = " (a plan)" if catalog.is_plan(home, module) else ""
+        print(f"{name:<{width}} {catalog.summary(home, module)}{plan}")
     return 0
 
 
