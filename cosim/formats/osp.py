@@ -34,7 +34,7 @@ from ..system import (
 from .ssp.files import LINK, Budget, load, local_name, locate, require_root
 from .ssp.files import Element as SourceElement
 from .ssp.parameters import Parameter
-from .ssp.plan import Connector, Flow, Node, Plan, dotted
+from .ssp.plan import Connector, FlatSystem, Flow, Node, dotted
 from .ssp.read import Package
 from .ssp.units import Step, chain
 from .ssp.write import archived, scaled
@@ -110,7 +110,7 @@ class _Reader:
     """The plan of a system, in which a function is a connector that drives another."""
 
     def __init__(self, file: Path) -> None:
-        self.file, self.plan = file, Plan(Budget(0), {"": {}})
+        self.file, self.plan = file, FlatSystem(Budget(0), {"": {}})
         self.times: dict[str, float] = {}
         self.bonds: dict[str, list[Node]] = defaultdict(list)
         self.added: dict[Node, list[Node]] = {}

@@ -13,7 +13,7 @@ from ..system.start_values import checked_start
 from ..units import is_common
 from .ssp.files import Budget
 from .ssp.parameters import parameters_of
-from .ssp.plan import Plan
+from .ssp.plan import FlatSystem
 from .ssp.rules import load_valid
 from .ssp.units import definitions
 
@@ -31,7 +31,7 @@ def read_values(path: Path, network: Network) -> dict[str, Value]:
         return dict(_rows(path, network))
     if path.suffix != ".ssv":
         raise SetupError(f"{path} must be an .ssv or a .csv")
-    plan = Plan(Budget(0))
+    plan = FlatSystem(Budget(0))
     for name, description in network.descriptions.items():
         plan.add_element("", name)
         plan.add_fmu(name, network.fmus[name].path, description)

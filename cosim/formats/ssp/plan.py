@@ -57,7 +57,7 @@ class Flow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class FlatSystem:
     """Elements by dotted path, the outermost system by ""; connectors by path and name.
 
     `exchange` are the parts for which the file asks for model exchange.

@@ -31,7 +31,7 @@ from .files import (
     unpack,
 )
 from .parameters import bound, linear
-from .plan import Connector, Flow, Node, Plan, dotted, same_variable
+from .plan import Connector, FlatSystem, Flow, Node, dotted, same_variable
 from .rules import End, load_valid, sinks_of
 from .units import Definitions, definitions, same
 
@@ -159,7 +159,7 @@ def read_ssp(path: Path, folder: Path) -> Package:
 
 def _read(path: Path, folder: Path) -> Package:
     ssd = path / ROOT_SSD if path.is_dir() else path
-    plan = Plan(Budget(path.stat().st_size if path.is_file() else 0))
+    plan = FlatSystem(Budget(path.stat().st_size if path.is_file() else 0))
     if ssd.suffix == ".ssd":
         document = Document.open(ssd.resolve(), Path(ssd.absolute().anchor), folder, {})
         document = document.nested((str(document.path), ""), path.name)
@@ -207,7 +207,7 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
+def _system(plan: FlatSystem, document: Document, system: Element, path: str) -> None:
     """Add a system and all that is in it to the plan, then apply its parameters."""
     if system.get("id"):
         document = document.nested((str(document.path), system.get("id")), system.get("name"))
@@ -236,7 +236,7 @@ def _system(plan: Plan, document: Document, system: Element, path: str) -> None:
         plan.bonds.append(" * ".join(inside + x.strip() for x in (note.text or "").split("*")))
 
 
-def _component(plan: Plan, document: Document, component: Element, path: str) -> None:
+def _component(plan: FlatSystem, document: Document, component: Element, path: str) -> None:
     kind, source = component.get("type", FMU), component.get("source")
     if kind == FMU:
         base = locate(source, document.path.parent, document.root)
@@ -262,7 +262,7 @@ def _component(plan: Plan, document: Document, component: Element, path: str) ->
 
 
 def _require_offer(
-    plan: Plan, path: str, implementation: str, description: ModelDescription
+    plan: FlatSystem, path: str, implementation: str, description: ModelDescription
 ) -> None:
     """Refuse a kind of FMU that the FMU is not; note where model exchange is asked for."""
     offers = {
@@ -277,7 +277,7 @@ def _require_offer(
 
 
 def _nested(
-    plan: Plan, document: Document, kind: str, source: str, fragment: str
+    plan: FlatSystem, document: Document, kind: str, source: str, fragment: str
 ) -> tuple[Document, Element]:
     """The document and the system that a component stands for."""
     name = unquote(fragment)
@@ -319,7 +319,7 @@ def _connectors(document: Document, element: Element) -> dict[str, Connector]:
     return connectors
 
 
-def _merge_declared(plan: Plan, node: Node, declared: Connector) -> None:
+def _merge_declared(plan: FlatSystem, node: Node, declared: Connector) -> None:
     """Compare the connector of a component with what it stands for."""
     actual, connector = plan.connectors.get(node), f"connector {node[1]}"
     if actual is None:
@@ -340,7 +340,7 @@ def _merge_declared(plan: Plan, node: Node, declared: Connector) -> None:
     plan.declared.add(node)
 
 
-def _connection(plan: Plan, document: Document, connection: Element, path: str) -> None:
+def _connection(plan: FlatSystem, document: Document, connection: Element, path: str) -> None:
     ends: list[tuple[End, Node]] = []
     for end in ("start", "end"):
         element, name = connection.get(f"{end}Element") or "", connection.get(f"{end}Connector")
@@ -367,7 +367,7 @@ def _connection(plan: Plan, document: Document, connection: Element, path: str) 
 
 
 def _bind(
-    plan: Plan, document: Document, element: Element, path: str, component: Path | None
+    plan: FlatSystem, document: Document, element: Element, path: str, component: Path | None
 ) -> None:
     """Apply the parameter bindings of an element, the later ones over the earlier ones."""
 
