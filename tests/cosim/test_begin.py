@@ -342,22 +342,6 @@ def test_the_last_step_of_the_same_run_may_be_longer_than_what_is_left(fmus: Pat
         require_rest(prepared, 0.03, lambda state: state)
 
 
-def test_steps_are_counted_from_where_the_state_is(fmus: Path) -> None:
-    """Other steps from the time of the state on; the conveyor has turned to where it was."""
-    with Prepared.open(drive(fmus / "native", "pair"), RunSettings(0.04, H)) as prepared:
-        first, state = prepared.run_until(0.02)
-        assert "motor.tau" in first and "tau" not in first
-        whole = prepared.run()
-    with Prepared.open(
-        drive(fmus / "native", "pair"), RunSettings(0.04, H / 3, start=0.02)
-    ) as prepared:
-        rest = prepared.run(Case(begin=state))
-    assert len(rest["time"]) == 61
-    assert rest["conveyor.w"][0] == first["conveyor.w"][-1]
-    assert rest["conveyor.w"][-1] == pytest.approx(whole["conveyor.w"][-1], rel=1e-4)
-    assert rest.provenance["start"] == 0.02
-
-
 @pytest.mark.parametrize("flavour", ["native", "", "crash apart"])
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_members_that_begin_with_a_state_are_single_runs(

@@ -20,7 +20,6 @@ from cosim.cli.options import OPTIONS, Parser
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
-from tests.cosim.foreign import pack
 from tests.cosim.test_cosim import NU, pair
 
 
@@ -110,17 +109,6 @@ def test_figures_of_names_with_commas_keep_their_units(
     assert any("LinearSystem.x[1], largest" in line for line in lines)
 
 
-def test_a_run_that_fails_ends_with_code_1_and_keeps_its_rows(tmp_path: Path, capsys) -> None:
-    fmu = pack(tmp_path / "part.fmu", error_at=0.5)
-    out = tmp_path / "out.csv"
-    assert main(["run", str(fmu), "--stop", "1", "--step", "0.01", "--out", str(out)]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith("error: part: doStep(t = ") and error.count("\n") == 1
-    table = pd.read_csv(tmp_path / "out.partial.csv")
-    assert 0.45 < table["time"].iloc[-1] < 0.5
-    assert not out.exists()
-
-
 def test_held_angles_are_warned_of(
     fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
@@ -130,15 +118,6 @@ def test_held_angles_are_warned_of(
     path = tmp_path / "angle.ssp"
     write_ssp(System(parts, ["crank.phi => other.u[1]"], start), path, stop=1.0)
     assert "an angle held over a step pushes a stiff shaft" in command_output("check", path)
-
-
-def test_a_single_fmu_runs_with_its_inputs(
-    fmus: Path, tmp_path: Path, command_output: CommandOutput
-) -> None:
-    out = tmp_path / "out.csv"
-    options = ("--stop", 2, "--set", "DriveMotor.w=30", "--out", out)
-    command_output("run", fmus / "DriveMotor.fmu", *options)
-    assert pd.read_csv(out)["DriveMotor.tau"].iloc[-1] == pytest.approx(8000 - 199.8 * 30)
 
 
 def test_check_names_every_obstacle(

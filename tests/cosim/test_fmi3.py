@@ -404,18 +404,6 @@ def test_what_knows_fmi_2_only_says_so(drives: dict[str, dict[str, Path]], tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_package_with_both_versions_gives_the_same_bits(
-    drives: dict[str, dict[str, Path]], two: dict[str, Path], tmp_path: Path
-) -> None:
-    arrays = System(two, ["A.Float64_outs -> B.Float64_ins"], {"A.Float64_ins[2,1]": 4.0})
-    for n, system in enumerate((System(drives["32"], WIRES, {"motor.T": 0.04}), arrays)):
-        write_ssp(system, tmp_path / f"{n}.ssp", stop=0.1)
-        (tmp_path / str(n)).mkdir()
-        read = read_ssp(tmp_path / f"{n}.ssp", tmp_path / str(n)).system
-        ours, theirs = (run(s, stop=0.1, step=1e-2) for s in (system, read))
-        assert_array_equal(ours.data, theirs.data)
-
-
 def written(system: System, path: Path) -> Any:
     """The structure that `write_ssp` writes, by the standard."""
     write_ssp(system, path, stop=0.1)

@@ -119,11 +119,16 @@ def test_a_child_does_not_outlive_its_parent(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", [["--out", "r.parquet"], ["--out", "r.csv", "--part", "A"]])
 def test_a_failed_run_keeps_its_rows_whatever_the_format(
-    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    options: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     fmu = pack(tmp_path / "A.fmu", error_at=0.55)
     monkeypatch.chdir(tmp_path)
     assert main(["run", str(fmu), "--stop", "1", "--step", "0.1", *options]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: A: doStep(t = ") and error.count("\n") == 1
     partial = Path(options[1]).with_stem("r.partial")
     rows = pd.read_parquet(partial) if partial.suffix == ".parquet" else pd.read_csv(partial)
     assert list(rows["time"]) == pytest.approx([0.1 * n for n in range(6)])

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
 
-from cosim.accuracy.coupled_ode import CoupledOde
 from cosim.engine.newton import solve_fixed_point
 
 #: The solution of q = 1e-6 cos(1e6 q): 1e-6 times the fixed point of the cosine.
@@ -79,38 +77,3 @@ def test_the_system_is_left_where_the_iteration_ends(start: float) -> None:
     guess = np.array([start, start])
     assert solve_fixed_point(crossed, guess, np.ones(2), ["a", "b"]) == ""
     assert places[-1].tolist() == guess.tolist()
-
-
-class Block:
-    """Real inputs whose cells are those of the loop."""
-
-    real = True
-
-    def __init__(self, cells: list[float]) -> None:
-        self.cells, self.names = cells, ["a.q", "a.p"]
-
-    def move(self) -> None:
-        """Nothing stands behind the cells."""
-
-    def nominals(self) -> list[float]:
-        """Sizes of the signals, which the FMU does not give."""
-        return [1.0, 1.0]
-
-
-def test_the_reference_solution_solves_small_signals_beside_large_ones() -> None:
-    """Its loop ended at 1.0e-6 after one iteration, as the tolerance was that of the pressure."""
-    block = Block([1e-6, 1e7])
-    taken: list[Any] = [np.array(block.cells)]
-
-    def links() -> None:
-        taken[0] = np.array(block.cells)
-        block.cells[:] = [float(response(taken[0])[0]), 1e7]
-
-    part = SimpleNamespace(inputs=[block], outputs=[], apply_links=links)
-    ode = cast(Any, CoupledOde.__new__(CoupledOde))
-    ode.parts, ode.t, ode.network = [part], 0.0, None
-    ode.inputs = [SimpleNamespace(name=name) for name in block.names]
-    ode.blocks = lambda: None
-    ode.loop_matrix = lambda _: np.eye(2) - np.diag([derivative(taken[0])[0, 0], 0.0])
-    ode._solve_loops()
-    assert block.cells[0] == pytest.approx(FLOW, rel=1e-9)

@@ -135,28 +135,6 @@ def test_energy_control_holds_what_the_bond_creates(fmus: Path) -> None:
     assert steps[1] == pytest.approx(steps[0], rel=0.05)
 
 
-@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel", "iterated"])
-def test_inputs_of_first_order_make_the_coupling_second_order(fmus: Path, algorithm: str) -> None:
-    """These FMUs cannot interpolate: they get the mean of the line over the step."""
-    errors = []
-    for n in (1000, 2000, 4000):
-        settings: dict[str, Any] = {"stop": 0.25, "step": 1 / n, "algorithm": algorithm}
-        result = run(pair(fmus, START | REST), **settings, input_order=1, record=["conveyor.w"])
-        errors.append(np.abs(result["conveyor.w"] - exact()(result["time"])[1]).max())
-    assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([2.0, 2.0], abs=0.2)
-
-
-def test_ledger_is_the_work_of_the_torque(fmus: Path) -> None:
-    """Both sides against the motor's own power, integrated from fine rows."""
-    result = from_rest(fmus, step=1e-4, record=["motor.P"])
-    (bond,) = result.energy.values()
-    work = np.trapezoid(result["motor.P"], result["time"])
-    assert bond["given"] == pytest.approx(work, rel=1e-4)
-    assert bond["taken"] == pytest.approx(work, rel=1e-4)
-    assert bond["residual"] == pytest.approx(bond["given"] - bond["taken"])
-    assert abs(bond["residual"]) < 1e-5 * bond["given"]
-
-
 def test_energy_stands_in_joules_whatever_the_units(fmus: Path) -> None:
     """A gear between the shafts: speed down, torque up, no energy lost."""
     wires = ("motor.tau * 2 -> conveyor.tau", "conveyor.w * 2 -> motor.w")

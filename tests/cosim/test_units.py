@@ -90,20 +90,6 @@ def test_a_wire_between_units_of_one_name_that_do_not_fit_shows_both(
         connect(System(parts, ["m.tau -> c.tau"]))
 
 
-def test_the_work_over_such_a_wire_is_that_of_both_ends(fmus: Path, motor: Make) -> None:
-    """With 1000 kg m2/s2 to the N.m the motor shows a thousandth, and the machine runs as ever."""
-    wires = ["m.tau * 0.001 -> c.tau", "c.w -> m.w"]
-    fine = {"stop": 0.05, "step": 1e-3, "record": ["c.w"]}
-    plain = System(
-        {"m": fmus / "DriveMotor.fmu", "c": fmus / "CrankConveyor.fmu"},
-        [wires[0].replace(" * 0.001", ""), wires[1]],
-    )
-    large = System(
-        {**plain.parts, "m": motor(defines("N.m", 'kg="1" m="2" s="-2" factor="1000"'))}, wires
-    )
-    assert run(large, **fine)["c.w"] == pytest.approx(run(plain, **fine)["c.w"], rel=1e-12)
-
-
 def valued(path: Path, base: str, unit: str = "s", name: str = "T") -> Path:
     """A parameter set with 5 of a unit that it defines."""
     path.write_text(HEAD + VALUE.format(name, 5, unit) + UNITS.format(unit, base))
