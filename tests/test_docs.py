@@ -35,6 +35,12 @@ SLOW = {
     ".venv/bin/scenarios run resonance --start conveyor.spring.c=7e5",
     '.venv/bin/scenarios run resonance --speed 420rpm --nameplate "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, '
     '3.43:1, 0.02 kg.m2" --start conveyor.rotor.J=0.725',
+    '.venv/bin/scenarios run resonance --speed 330rpm --limit 25 --nameplate "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, '
+    '3.43:1, 0.02 kg.m2" --start conveyor.rotor.J=0.725 --remedies',
+    ".venv/bin/scenarios run orbit --speed 34.56 --rated-torque 125.1 --limit 25 --start motor.characteristic=kloss "
+    "--start motor.kloss.tau_b=350.3 --start motor.kloss.w_s=45.8 --start motor.kloss.s_b=0.2165 --start motor.T=0.0147 "
+    "--start conveyor.rotor.J=0.725 --start conveyor.spring.c=680e3 --tolerance conveyor.spring.c=2% --tolerance conveyor.rotor.J=2%",
+    ".venv/bin/python tests/test_refusals.py",
     ".venv/bin/scenarios run run_up",
     ".venv/bin/scenarios run resonance_map",
     ".venv/bin/scenarios run resonance_map --y conveyor.rotor.J=0.2:1.2:40",
@@ -92,10 +98,14 @@ SLOW = {
 }
 RARELY = (
     "docs/compare.md",
+    "docs/crosscheck.md",
     "docs/hosts.md",
     "docs/identify.md",
+    "docs/referee.md",
     "docs/scenarios.md",
     "docs/studies.md",
+    "docs/sweeps.md",
+    "docs/test_your_master.md",
 )
 """Pages whose commands do what other tests try, too."""
 SILENT = {"math", "text", "xml", "csv"}

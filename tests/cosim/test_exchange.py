@@ -18,7 +18,7 @@ from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import DRIVE
 from tests.cosim.test_reference import HYBRID
 from tests.cosim.vector import pack
-from tests.fmukit.test_fmi3 import built
+from tests.fmukit.test_native import built
 
 EVERY = r"(?s)<CoSimulation[^>]*/>|<CoSimulation.*</CoSimulation>"
 WITHOUT_COSIMULATION = described((EVERY, ""))

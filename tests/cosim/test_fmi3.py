@@ -37,7 +37,7 @@ from tests.conftest import rewritten
 from tests.cosim import foreign
 from tests.cosim.test_cosim import NU, WIRES
 from tests.cosim.third import BASES, pack
-from tests.fmukit.test_fmi3 import built
+from tests.fmukit.test_native import built
 
 G = 9.81
 RANGES = {

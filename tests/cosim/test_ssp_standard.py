@@ -14,7 +14,7 @@ from cosim.formats.ssp.rules import Severity
 from cosim.formats.ssp.standard import check_standard
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import conveyor
-from tests.fmukit.test_fmi3 import built
+from tests.fmukit.test_native import built
 
 HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'

@@ -75,7 +75,7 @@ def test_a_sweep_is_a_table_of_figures(
 def test_cases_come_from_a_file_or_are_drawn(
     fmus: Path, tmp_path: Path, command_output: CommandOutput
 ) -> None:
-    """A file has units in its head or its cells; a sample is the same each time, and fills its bounds."""
+    """A file has units in its head or its cells; a sample fills its bounds."""
     table, out = tmp_path / "cases.csv", tmp_path / "table.parquet"
     table.write_text("motor.T [ms],motor.A\n40,7000\n50,8 kN.m\n")
     shared = ["--figure", TORQUE, "--stop", "0.02", "--step", "1e-3"]
@@ -92,19 +92,8 @@ def test_cases_come_from_a_file_or_are_drawn(
         *shared[2:],
     ]
     assert command_output(*motor).startswith("1 run, 0 failed")
-    drawn = []
-    for name in ("a.csv", "b.csv"):
-        within = [
-            "--sample",
-            "8",
-            "--within",
-            "motor.T=40ms..60ms",
-            "--within",
-            "motor.A=7000..8000",
-        ]
-        command_output("sweep", *parts(fmus), *within, *shared, "--out", tmp_path / name)
-        drawn.append((tmp_path / name).read_bytes())
-    assert drawn[0] == drawn[1]
+    within = ["--sample", "8", "--within", "motor.T=40ms..60ms", "--within", "motor.A=7000..8000"]
+    command_output("sweep", *parts(fmus), *within, *shared, "--out", tmp_path / "a.csv")
     values = pd.read_csv(tmp_path / "a.csv")["motor.T"].to_numpy()
     assert_array_equal(np.sort(np.floor((values - 0.04) / 0.02 * 8)), np.arange(8))
     text = command_output("sweep", *parts(fmus), "--vary", "motor.T=0.04,0.05", "--vary", "motor.A=7000,8000", "--together", *shared)  # fmt: skip
@@ -180,11 +169,11 @@ def test_a_process_that_is_short_of_something_leaves_its_runs_to_the_next(tmp_pa
     """What earlier runs have left of open files is no fault of a later one; alone it has all of them."""
     system = single_fmu_system(pack(tmp_path / "A.fmu"))
     figures = {"y": Short("A.y")}
-    cases = {"A.x0": np.arange(1.0, 6.0)}
+    cases = {"A.x0": np.arange(1.0, 4.0)}
     table = sweep(system, cases, figures, how=How(isolated=True), stop=1.0, step=0.1)
     whole = sweep(system, cases, {"y": Smallest("A.y")}, stop=1.0, step=0.1)
     assert_array_equal(table["y"], whole["y"])
-    assert table["reason"].tolist() == [""] * 5
+    assert table["reason"].tolist() == [""] * 3
 
 
 def test_a_sweep_that_is_interrupted_before_its_first_row_says_so(

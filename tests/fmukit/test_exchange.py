@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from collections.abc import Callable
 from ctypes import POINTER, c_double
 from itertools import pairwise
@@ -17,12 +15,10 @@ from fmpy import simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Model, fmi2Discard
 
-from fmukit.declare.interface import component_name
 from fmukit.declare.record import declarations
 from fmukit.declare.record import start as begin
 from fmukit.runtime import hybrid
-from tests.conftest import ROOT
-from tests.fmukit.test_native import MODELS, NAMES
+from tests.fmukit.test_native import MODELS, NAMES, built
 from tests.hosts.host import Unit, unpacked
 from tests.oracle import events_and_end
 
@@ -89,10 +85,8 @@ TRIED_3 = ("DriveMotor", {}), ("IronDrive", STUCK | {"tau": 0.03}), ("GravityOri
 def test_cvode_and_our_steps_agree(folder: str, case: Any, fmus: Path) -> None:
     """States and outputs to 1e-8 of their range or nominal, discrete ones and events at all points."""
     name, start, stop = case
-    fmu, step = fmus / folder / f"{name}.fmu", MODELS[name].EXPERIMENT.step
-    if folder == "fmi3":
-        build = [sys.executable, "build_fmus.py", component_name(MODELS[name]), "--flavour", folder]
-        subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    step = MODELS[name].EXPERIMENT.step
+    fmu = built(name) if folder == "fmi3" else fmus / folder / f"{name}.fmu"
     ours, _ = simulate_case(fmu, start, stop, "CoSimulation", step)
     theirs, events = simulate_case(fmu, start, stop, "ModelExchange", step)
     assert len(ours) == len(theirs) == round(stop / step) + 1

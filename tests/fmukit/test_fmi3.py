@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import functools
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -17,9 +15,9 @@ from fmpy.validation import validate_fmu
 
 from fmukit.declare.interface import component_name
 from fmukit.fmu.validate import problems
-from tests.conftest import ROOT, TRIED
+from tests.conftest import TRIED
 from tests.fmukit.test_exchange import STUCK, events_of
-from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS
+from tests.fmukit.test_native import MODELS, NAMES, SCENARIOS, built
 from tests.hosts.host import Unit
 
 sampled = pytest.mark.parametrize(
@@ -31,14 +29,6 @@ sampled = pytest.mark.parametrize(
 )
 MESSAGES: list[str] = []
 FOLDERS: list[Any] = []
-
-
-@functools.cache
-def built(name: str) -> Path:
-    """The FMU of this machine, made if it is not up to date."""
-    command = [sys.executable, "build_fmus.py", component_name(MODELS[name]), "--flavour", "fmi3"]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    return ROOT / "fmus" / "fmi3" / f"{name}.fmu"
 
 
 @functools.cache

@@ -12,7 +12,7 @@ import pytest
 
 from cosim import Series, System, run
 from fmukit.declare.interface import Interface
-from tests.fmukit.test_fmi3 import built
+from tests.fmukit.test_native import built
 from tests.hosts.host import Unit
 
 FOLDERS = {"python": ".", "native": "native", "fmi3": "fmi3"}

@@ -141,7 +141,9 @@ def looked_at(browser: Browser, pages: Sequence[Path]) -> dict[str, list[str]]:
     return {page: messages for page, messages in messages_by_page.items() if messages}
 
 
-def test_pages_are_complete_and_every_link_leads_somewhere(site: Path) -> None:
+def test_pages_are_complete_every_link_leads_somewhere_and_the_search_finds_a_page_from_a_file(
+    site: Path, request: pytest.FixtureRequest
+) -> None:
     assert not problems(site)
     written = {str(page.relative_to(site)) for page in pages(site)}
     expected = (
@@ -157,18 +159,16 @@ def test_pages_are_complete_and_every_link_leads_somewhere(site: Path) -> None:
     text = (site / "reference" / "cosim.html").read_text(encoding="utf-8")
     assert 'id="cosim.run"' in text
     assert "Alias for field" not in text
+    browser = request.getfixturevalue("page_browser")
+    browser.open(site / "search.html", 1280)
+    browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
+    links = "[...document.querySelectorAll('#search-results li a')]"
+    browser.until(f"{links}.some(link => link.href.includes('shaft_link'))")
 
 
 @pytest.mark.slow
 def test_pages_are_for_everybody_and_need_no_network(site: Path, page_browser: Browser) -> None:
     assert not looked_at(page_browser, [site / name for name in LOOKED_AT])
-
-
-def test_the_search_finds_a_page_from_a_file(site: Path, page_browser: Browser) -> None:
-    page_browser.open(site / "search.html", 1280)
-    page_browser.call("Page.navigate", url=f"{(site / 'search.html').as_uri()}?q=backlash")
-    links = "[...document.querySelectorAll('#search-results li a')]"
-    page_browser.until(f"{links}.some(link => link.href.includes('shaft_link'))")
 
 
 @pytest.mark.slow

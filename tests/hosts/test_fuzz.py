@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from tests.fmukit.test_fmi3 import built
-from tests.fmukit.test_native import compile_c, only_for, unpacked
+from tests.fmukit.test_native import built, compile_c, only_for, unpacked
 
 SANITIZE = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 

@@ -19,7 +19,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from cosim import System, run, write_osp, write_ssp
-from tests.fmukit.test_fmi3 import built
+from tests.fmukit.test_native import built
 
 HOSTS = Path(__file__).parent
 STEPS, STEP = 200, 1e-3

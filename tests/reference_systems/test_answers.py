@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,13 @@ def _fmus_are_built() -> None:
     assert not build_fmus()
 
 
+exact = cache(exact_answer)
+"""Each answer once."""
+
+
 @pytest.mark.parametrize("key", SYSTEMS)
 def test_two_integrators_agree_within_the_stated_error(key: str) -> None:
-    found = exact_answer(key)
+    found = exact(key)
     assert found.agreement <= 1.0
     for name, errors in found.errors.items():
         assert errors.max() <= LARGEST_ERROR.get(key, 1e-8) * np.ptp(found.values[name])
@@ -57,7 +62,7 @@ def test_a_wrong_event_time_is_no_agreement(key: str, name: str, share: float) -
 
 def off_by(system: System, key: str, step: float, **settings: object) -> float:
     """The largest difference of a run of our master, in ranges."""
-    found = exact_answer(key)
+    found = exact(key)
     names = list(found.values)
     result = run(system, stop=SYSTEMS[key].stop, step=step, record=names, **settings)  # type: ignore[arg-type]
     rows = np.rint(result["time"] / SPACING).astype(int)

@@ -10,8 +10,10 @@
 #ifndef _WIN32
 #include <pthread.h>
 #include <unistd.h>
+#define PAUSE() pause()
 #else
 #include <direct.h>
+#define PAUSE()
 #endif
 #include <signal.h>
 #include <stdio.h>
@@ -108,7 +110,7 @@ static fmi2Status reach(Foreign *c, double from, double to) {
 #define NOW(at) (later(c->m.at, from) && !later(c->m.at, to))
     if (NOW(crash_at)) *(volatile int *)NULL = 0;
     if (NOW(exit_at)) exit(3);
-    if (NOW(hang_at)) for (note(c, "hangs");;);
+    if (NOW(hang_at)) for (note(c, "hangs");;) PAUSE();
     if (NOW(meddle_at) && !chdir("/")) setlocale(LC_ALL, "C"), signal(SIGINT, SIG_IGN);
     if (NOW(round_at)) fesetround(FE_UPWARD);
 #ifdef __SSE2__
@@ -186,7 +188,7 @@ void fmi2FreeInstance(fmi2Component p) {
     Foreign *c = p;
     if (c->m.mode == FATAL) note(c, "used after fatal");
     if (c->m.live_states) note(c, "leaked states");
-    if (c->m.hang_at_end && c->m.mode == TERMINATED) for (;;);
+    if (c->m.hang_at_end && c->m.mode == TERMINATED) for (;;) PAUSE();
     note(c, "freed");
     instances--, c->host->freeMemory(c);
 }
