@@ -125,12 +125,12 @@ def find_values(argv: Sequence[str], project: Project, program: str) -> int:
     """Print for which values of inputs a figure of a question reaches a level."""
     what = "Find where a figure reaches a level, over one input after the other, of a question"
     question = _question(argv, project, f"{program} find", what)
-    from cosim import System
     from cosim.cli.options import assignment
-    from cosim.system import connect
 
     from .context import Context
+    from .find import Find
     from .options import declared
+    from .plan import Plan
     from .remedies import values_until
     from .study.file import read_find
 
@@ -145,14 +145,12 @@ def find_values(argv: Sequence[str], project: Project, program: str) -> int:
     parser.add_argument("--flavour", choices=FLAVOURS, help="flavour of the FMUs")
     args = vars(parser.parse_args(argv[1:]))
     fmus = project.fmus(question, args["flavour"] or project.flavour(question))
-    network = connect(System(fmus)) if fmus else None
-    varied = []
+    varied: list[Find] = []
     for name, ends in map(assignment, args["vary"]):
         low, _, high = ends.partition(":")
         spec = {"over": name, "from": low, "to": high, "figure": "figure", "level": 0.0}
-        one = read_find(question, "vary", spec)
-        unit = network.port(name).unit if network and "." in name else one.unit
-        varied.append(one._replace(unit=unit))
+        plan = Plan(question=question, find={"vary": read_find(question, "vary", spec)})
+        varied += plan.finds(fmus).values()
     options = {x: args[x] for x in (*declared(question), "start") if args[x] is not None}
     with as_question_errors(question.module):
         for line in values_until(question.parse(options), Context(fmus), args["until"], varied):

@@ -250,6 +250,17 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def in_time(
+    claim: str, negation: str, time: Figure, within: float, *, why: str, yes: str = ""
+) -> Judgement:
+    """Return the judgement of what happens at a time, and within another [s]; `why` says why it never does."""
+    is_known = time.error is not None
+    return Judgement(
+        claim, time, most=within, is_so=False if why else is_known or None, yes=yes or claim, no=negation,
+        note=why or (f"after {time.brief()}" if is_known else ""),
+    )  # fmt: skip
+
+
 def lines(judgements: Sequence[Judgement]) -> list[str]:
     """Return an answer in words: a line for each judgement, what to do by the first one above all."""
     return [x.headline() for x in judgements]

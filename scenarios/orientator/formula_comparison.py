@@ -145,9 +145,7 @@ def compare_with_formula(
         raise SetupError(f"friction = {friction:g}: {located.reason}: there is no limit to compare")
     around = partial(gain_of, base, friction, np.linspace(*NEAR_LIMIT) * located.value / RPM)
     gains = dict(zip(LENGTHS, context.each(around, LENGTHS, "dimensions", probes=True)))
-    by_dimension: Any = (
-        (name, x.value, math.nan if x.error is None else x.error) for name, x in gains.items()
-    )
+    by_dimension: Any = ((name, x.value, x.known_error) for name, x in gains.items())
     tables = {PLANE: plane, RAISE: Table.of_rows(by_dimension, RAISED)}
     all_figures = figures(plane.frame, machine, located)
     all_figures |= {gain_name(name): x for name, x in gains.items()}
@@ -158,9 +156,8 @@ def limit_row(case: tuple[System, float]) -> Sequence[float]:
     """A row of the plane; a limit that is not found is nan."""
     system, mu = case
     machine, limit_figure = simulated_limit(system, mu)
-    error = math.nan if limit_figure.error is None else limit_figure.error
     formula, joint = rpm_of_squared(machine.limit()[0]), rpm_of_squared(machine.joint_limit)
-    return machine.d, machine.h, mu, limit_figure.value, error, formula, joint
+    return machine.d, machine.h, mu, limit_figure.value, limit_figure.known_error, formula, joint
 
 
 def gain_of(base: System, mu: float, speeds: Array, name: str) -> Figure:

@@ -25,6 +25,7 @@ from workbench import (
 )
 from workbench.charts.model import FORCE, LIFT, SPEED, THEORY, TORQUE
 from workbench.figure import figure_of_figures, scaled
+from workbench.judgement import in_time
 from workbench.live import LiveMotion
 
 from ..motion import live_motion
@@ -167,18 +168,17 @@ class SpeedStep(Question, RunOptions):
         is_too_slow = near.error is None and fast.value + (fast.error or 0.0) < NEAR * self.speed
         still_rises = f["mean_max_time"].reason.startswith(STILL_RISES)
         low, high = AMPLIFIED
+        share = f"{100 * NEAR:g} % of its set speed of {self.speed:g} rad/s"
         swings = {"free": "gearbox and load", "held": "the load with the gearbox held"}
         return [
-            Judgement(
-                f"the load reaches {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
+            in_time(
+                f"the load reaches {share}",
+                f"the load does not reach {share}",
                 near,
-                most=self.stop,
-                is_so=False if is_too_slow else True if near.error is not None else None,
-                yes=f"The load reaches {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
-                no=f"The load does not reach {100 * NEAR:g} % of its set speed of {self.speed:g} rad/s",
-                note=f"its largest speed up to {self.stop:g} s is {fast.brief()}"
-                if near.error is None
-                else f"after {near.brief()}",
+                self.stop,
+                why=f"its largest speed up to {self.stop:g} s is {fast.brief()}"
+                if is_too_slow
+                else "",
             ),
             Judgement(
                 f"the mean speed over a turn overshoots its set speed by less than {100 * LEAST_OVERSHOOT:g} %",

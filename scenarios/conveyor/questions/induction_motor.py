@@ -50,7 +50,7 @@ from ..machine import PARTS as DRIVE
 from ..options import NameplateOptions
 from ..orbit import Drive, DriveOrbit, RippleGuide
 from ..papers import cited
-from ..speed_sweep import LARGEST_PEAKED_ZETA, NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING, SpeedSweep
+from ..speed_sweep import LARGEST_PEAKED_ZETA, NOT_IN_RANGE, PHASE_UNDEFINED, VANISHING
 
 TABLE, SWEEP = "induction_motor.csv", "induction_motor_speeds.csv"
 #: Speeds between which the lag is sought, over the resonance of the motor without slip; a convention.
@@ -319,14 +319,13 @@ def ripple_and_lag_over_speed(drive: Drive, motor: Motor) -> Table:
     nus = np.linspace(
         motor.speeds_around_resonance[0], motor.speeds_around_resonance[-1], 2 * GUIDE_SPEEDS + 1
     )
-    units, columns = {"nu": "rad/s"}, {"nu": nus}
-    for name, machine in (("kloss", motor.machine), ("linear", motor.line)):
-        sweep = SpeedSweep(measured(drive.context, drive.asked(machine, nus)))
-        for x, unit in (("tau2", "N.m"), ("lag", "deg")):
-            names = f"{x}_{name}", f"{x}_{name}_error"
-            columns |= zip(names, (sweep.columns[x], sweep.columns[f"{x}_error"]))
-            units |= dict.fromkeys(names, unit)
-    return Table(columns, units)
+    kloss, line = (
+        measured(drive.context, drive.asked(machine, nus)).table(
+            {"nu": ("rad/s", nus.tolist())}, {x: f"{x}_{name}" for x in ("tau2", "lag")}
+        )
+        for name, machine in (("kloss", motor.machine), ("linear", motor.line))
+    )
+    return Table({**kloss.columns, **line.columns}, {**kloss.units, **line.units})
 
 
 def first_order_theory(motor: Motor) -> Table:

@@ -37,7 +37,7 @@ from workbench import (
 )
 from workbench.charts.model import FORCE, SPEED, THEORY, TORQUE
 from workbench.figure import scaled
-from workbench.judgement import share_text
+from workbench.judgement import in_time, share_text
 from workbench.live import Live, LiveRun, drawn
 from workbench.steady import TURN
 
@@ -213,16 +213,12 @@ class RunUp(Question, NameplateOptions, RunOptions):
                 failure(self, f, r[motor], motor),
             )
             answers.append(
-                Judgement(
+                in_time(
                     f"the {word} passes {name} within {self.stop:g} s",
-                    passing,
-                    most=self.stop,
-                    is_so=False if why else True if passing.error is not None else None,
-                    yes=f"The {word} passes {name} within {self.stop:g} s",
-                    no=f"The {word} does not pass {name} within {self.stop:g} s",
-                    note=why or told_after(passing),
+                    f"the {word} does not pass {name} within {self.stop:g} s",
+                    passing, self.stop, why=why,
                 )
-            )
+            )  # fmt: skip
         torques = [
             Judgement(f"largest torque of the {LABELS[motor]}", f[f"{motor}_tau_max"])
             for motor in self.motors
@@ -237,15 +233,11 @@ class RunUp(Question, NameplateOptions, RunOptions):
         speed, reach = self.speed_or_default, f["kloss_reach"]
         what = f"{'the rated speed, ' * (self.speed is None)}{speed:.4g} rad/s ({speed * 30 / math.pi:.4g} rpm) at the crank"
         why = f"the largest speed is {f['kloss_w_max'].brief()}" if reach.reason == TOO_SLOW else ""
-        return Judgement(
+        return in_time(
             f"the motor reaches {what}, within {self.stop:g} s",
-            reach,
-            most=self.stop,
-            is_so=False if why else True if reach.error is not None else None,
-            yes=f"The motor reaches {what}",
-            no=f"The motor does not reach {what}, within {self.stop:g} s",
-            note=why or told_after(reach),
-        )
+            f"the motor does not reach {what}, within {self.stop:g} s",
+            reach, self.stop, why=why, yes=f"the motor reaches {what}",
+        )  # fmt: skip
 
     def torque(self, f: Mapping[str, Figure]) -> Judgement:
         """Return the largest torque of the motor of a nameplate, beside its breakdown torque and at its own shaft."""
@@ -306,11 +298,6 @@ def reaching(speed: float, w: Curves) -> Figure:
     if not len(times):
         return Figure.undetermined("s", TOO_SLOW, meaning)
     return Figure.measured(float(times[0]), "s", meaning)
-
-
-def told_after(time: Figure) -> str:
-    """Return when something happens; "" where that is not known."""
-    return f"after {time.brief()}" if time.error is not None else ""
 
 
 def machine_of(o: RunUp) -> Machine:
