@@ -127,9 +127,6 @@ BENCHMARKS = {
 }
 
 
-UNDAMPED = Benchmark(twisting_drive(0.0), 0.03, 40, bond=("shaft.1", "load.1"))
-
-
 def couple(
     units: Mapping[str, LinearPart],
     fmu: Path,

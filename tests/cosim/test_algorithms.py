@@ -11,13 +11,11 @@ from cosim import SetupError, System, diagnose, run, write_container
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
-    CouplingContext,
-    Feedthrough,
     Stage,
     Turn,
 )
 from tests.cosim.test_verification import require_theory
-from tests.coupling_theory import Ideal, LinearPart, Scheme
+from tests.coupling_theory import Ideal, Scheme
 from tests.linear_systems import BENCHMARKS, couple
 
 DRIVE = BENCHMARKS["drive"]
@@ -92,43 +90,6 @@ def test_an_implicit_algorithm_of_several_stages_is_refused(
             couple(DRIVE.units, fmus / "LinearSystem.fmu"),
             stop=1.0, step=0.1, algorithm="half iterated",
         )  # fmt: skip
-
-
-def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> None:
-    """On the way back of the splitting, a hears what b shows at the end; b never hears a there."""
-    feedthroughs = [
-        Feedthrough("a.y", "a", frozenset({"b"}), is_wired=False),
-        Feedthrough("b.y", "b", frozenset({"a"}), is_wired=False),
-        Feedthrough("a.z", "a", frozenset({"b", ""}), is_wired=False),
-    ]
-    context = CouplingContext(["a", "b"], feedthroughs)
-    strang = REGISTRY["strang"]
-    assert strang.convergence_order(context) == 2
-    assert strang.first_order_outputs(context) == {"b.y", "a.z"}
-    assert REGISTRY["gauss-seidel"].first_order_outputs(context) == {"a.y", "b.y", "a.z"}
-    moving = CouplingContext(["a", "b"], feedthroughs, input_degree=2, interpolates=True)
-    assert strang.convergence_order(moving) == 3 and strang.first_order_outputs(moving) == set()
-
-
-@pytest.mark.parametrize("gain", [1.0, 1e6, 1e-9])
-def test_a_loop_of_different_units_is_solved_like_a_loop_of_equal_units(
-    fmus: Path, gain: float
-) -> None:
-    """y_a = 1 + gain * y_b and y_b = 2 - y_a / (2 * gain) act on each other directly; their product is -1/2."""
-    units = {
-        "a": LinearPart([[0.0]], [[0.0]], [[1.0]], [1.0], ["b.1"], D=[[gain]]),
-        "b": LinearPart([[0.0]], [[0.0]], [[1.0]], [2.0], ["a.1"], D=[[-0.5 / gain]]),
-    }
-    result = run(
-        couple(units, fmus / "LinearSystem.fmu"),
-        stop=0.1,
-        step=0.1,
-        algorithm="iterated",
-        record=["a.z[1]", "b.z[1]"],
-    )
-    exact = (1.0 + 2.0 * gain) / 1.5
-    assert result["a.z[1]"] == pytest.approx(exact, rel=1e-9)
-    assert result["b.z[1]"] == pytest.approx(2.0 - exact / (2.0 * gain), rel=1e-9)
 
 
 def test_the_page_of_the_master_lists_the_registry() -> None:

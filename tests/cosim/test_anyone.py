@@ -573,16 +573,6 @@ def test_cached_and_fresh_outputs_agree(exchange: str, loop: str, make: Make, di
     assert sorted(diary()) == sorted(2 * CLOSED)
 
 
-@pytest.mark.parametrize("algorithm", EXPLICIT)
-def test_discarded_steps_are_not_taken_twice_between_rows(algorithm: str, make: Make) -> None:
-    """A part of several steps within one, none of which may be too long."""
-    parts = {"A": make(longest_step=0.03), "B": make(x0=0.0)}
-    settings: dict[str, Any] = {"stop": 1.0, "algorithm": algorithm, "record": ["A.y"]}
-    result = run(system(parts, "A.y -> B.u"), step=0.06, substeps={"A": 2}, **settings)
-    assert result.provenance["discarded"] == 0
-    assert result["A.y"] == pytest.approx(np.exp(-result["time"]), rel=1e-12)
-
-
 def moving(make: Make, order: int, **capabilities: Value) -> tuple[System, Callable[[Any], Any]]:
     """A source that runs as t^order, what listens to it (x' = u - x), and what it must show."""
     rises = {"a": 0.0, "x0": 0.0}

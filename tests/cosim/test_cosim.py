@@ -211,16 +211,6 @@ def test_an_open_input_keeps_the_start_of_its_fmu_and_is_reported(fmus: Path) ->
     assert [r.provenance["open_inputs"] for r in runs] == [{"motor.w": 40.0}, {}]
 
 
-def test_an_error_of_the_caller_is_no_complete_run(fmus: Path, tmp_path: Path) -> None:
-    def progress(share: float) -> None:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        run(pair(fmus), stop=0.1, step=1e-3, csv=tmp_path / "run.csv", progress=progress)
-    names = [path.name for path in sorted(tmp_path.iterdir())]
-    assert names == ["run.partial.csv", "run.partial.json"]
-
-
 BAD_SYSTEMS = [
     ({"wires": [*WIRES, WIRES[0]]}, "conveyor.tau [N.m] is driven twice"),
     ({"wires": [*WIRES, "motor.tau * 2 +> conveyor.tau"]}, "conveyor.tau adds one output twice"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pytest
 from scipy.linalg import expm
 
 from cosim import SetupError, System, linearize, oracle, run, true_errors
-from scenarios.packing_line.questions import packing_line
 from tests.conftest import described, rewritten
 from tests.cosim.conftest import CommandOutput
 from tests.cosim.test_linearize import DRIVE
@@ -59,14 +57,6 @@ def test_both_versions_have_the_same_events(case: tuple, native: Path) -> None:
         System({"m": f}, start=named_start) for f in (native / f"{name}.fmu", built(name))
     )
     same_events(second, third, stop)
-
-
-def test_a_boolean_wire_acts_at_the_same_time_in_both_versions(native: Path) -> None:
-    """Which event mode of FMI 3.0 takes: the iron of one version releases a product in the other."""
-    fmus = {name: native / f"{fmu}.fmu" for name, fmu in packing_line.PackingLine.parts.items()}
-    line = packing_line.PackingLine.parse({}).system(fmus)
-    third = dict(line.parts) | {"orientator": built("GravityOrientator")}
-    same_events(line, replace(line, parts=third), 0.7)
 
 
 @pytest.mark.parametrize("version", ["2.0", "3.0"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -35,7 +34,7 @@ from cosim.formats.ssp.standard import check_standard
 from cosim.system import connect
 from tests.conftest import rewritten
 from tests.cosim import foreign
-from tests.cosim.test_cosim import NU, WIRES
+from tests.cosim.test_cosim import WIRES
 from tests.cosim.third import BASES, pack
 from tests.fmukit.test_native import built
 
@@ -61,21 +60,6 @@ def two(third: Path) -> dict[str, Path]:
     return {"A": third, "B": third}
 
 
-@pytest.fixture(scope="module")
-def drives(fmus: Path) -> dict[str, dict[str, Path]]:
-    """The parts of the drive by versions of motor and conveyor."""
-    ours = {"motor": "DriveMotor", "conveyor": "CrankConveyor"}
-    files = {
-        "2": {part: fmus / "native" / f"{name}.fmu" for part, name in ours.items()},
-        "3": {part: built(name) for part, name in ours.items()},
-    }
-    return {
-        a + b: {"motor": files[a]["motor"], "conveyor": files[b]["conveyor"]}
-        for a in "23"
-        for b in "23"
-    }
-
-
 def ball(t: float, e: float = 0.5) -> tuple[float, float, int]:
     """Height and speed of the ball, and how often it has landed."""
     v, begin, number = 0.0, 0.0, 0
@@ -94,29 +78,6 @@ def falls(result: Result, within: float = 1e-11) -> None:
     true = np.array([ball(t + 1e-12) for t in result["time"]])
     assert result["A.h"] == pytest.approx(true[:, 0], abs=within)
     assert result["A.v"] == pytest.approx(true[:, 1], abs=10 * within)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        *({"step": 1e-3, "algorithm": a, "substeps": {"motor": 2}} for a in ("jacobi", "gauss-seidel", "strang")),
-        {"step": Adaptive(1e-3)},
-        {"step": 2e-3, "algorithm": "iterated"},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_both_versions_and_their_mixtures_give_the_same_bits(
-    settings: dict[str, Any], drives: dict[str, dict[str, Path]]
-) -> None:
-    """Also where steps are taken back."""
-    system = System(drives["22"], WIRES, {"conveyor.w": NU})
-    old = run(system, stop=0.1004, **settings)
-    for versions in ("33", "23", "32"):
-        new = run(replace(system, parts=drives[versions]), stop=0.1004, **settings)
-        assert_array_equal(new.data, old.data)
-        assert new.energy == old.energy
-        assert new.provenance["loop"] == old.provenance["loop"]
-    assert np.ptp(old["conveyor.w"]) > 1.0
 
 
 def test_all_types_go_over_wires(two: dict[str, Path]) -> None:
@@ -393,8 +354,9 @@ def test_a_run_that_an_fmu_ends_is_complete(third: Path) -> None:
     assert result.provenance["reason"].startswith("A ended the simulation at t = ")
 
 
-def test_what_knows_fmi_2_only_says_so(drives: dict[str, dict[str, Path]], tmp_path: Path) -> None:
-    system = System(drives["23"], WIRES)
+def test_what_knows_fmi_2_only_says_so(native: Path, tmp_path: Path) -> None:
+    parts = {"motor": native / "DriveMotor.fmu", "conveyor": built("CrankConveyor")}
+    system = System(parts, WIRES)
     for ask in (
         lambda: write_osp(system, tmp_path / "osp", step=1e-3),
         lambda: write_container(system, tmp_path / "c.fmu", step=1e-3),

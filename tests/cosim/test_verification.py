@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +20,7 @@ from cosim.engine.algorithms import CouplingContext, Feedthrough, find_algorithm
 from tests.coupling_theory import Ideal, LinearPart, Matrix, Scheme
 from tests.linear_systems import (
     BENCHMARKS,
-    DUAL_MASS,
-    FIRST_INERTIA,
-    SECOND_INERTIA,
-    SHAFT_STIFFNESS,
     SPRING_AND_MASS,
-    UNDAMPED,
     Benchmark,
     couple,
     lagging_motor,
@@ -37,10 +31,6 @@ from tests.linear_systems import (
 SAME = 1e-10
 #: Largest difference of a measured order from theory. Chosen: the error of a higher order still adds a few hundredths.
 ORDER = 0.1
-#: How far below and above the stability limit runs are made, over this. Chosen: growth and decay both show, and
-#: between them the growth rate is straight.
-MARGIN = 0.02
-
 SCHEMES = {name: Scheme(name) for name in ALGORITHMS}
 SCHEMES |= {f"{name}, input order 1": Scheme(name, input_order=1) for name in ALGORITHMS}
 HOLDING = {
@@ -52,9 +42,6 @@ SUBSTEPS = {
     "iterated, input order 1, 3 substeps": Scheme("iterated", input_order=1, substeps=3),
 }
 ALL = SCHEMES | HOLDING | SUBSTEPS
-EXPLICIT = [
-    name for name, scheme in SCHEMES.items() if not find_algorithm(scheme.algorithm).is_implicit
-]
 MOTOR = lagging_motor(lag=0.06, inertia=0.9, slope=0.9 / 2.565e-3)
 
 
@@ -168,28 +155,6 @@ def longest_step(ideal: Ideal, scheme: Scheme) -> float:
     return float(brentq(growth, h / ratio, h, xtol=1e-15))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("units", "title"),
-    [*((MOTOR, title) for title in EXPLICIT), (DUAL_MASS, "jacobi"), (DUAL_MASS, "gauss-seidel")],
-)
-def test_the_master_turns_unstable_where_its_ideal_does(
-    fmu: Path, units: dict[str, LinearPart], title: str
-) -> None:
-    """By its growth below and above the limit."""
-    ideal, scheme = Ideal(units), SCHEMES[title]
-    theory, growth = longest_step(ideal, scheme), []
-    for h in (theory * (1 - MARGIN), theory * (1 + MARGIN)):
-        count = math.ceil(4.0 / abs(math.log(ideal.radius(scheme, h))))
-        simulated = simulate(fmu, units, scheme, count * h, [h])[0].data[:, 1:]
-        assert deviation(simulated, ideal.states(scheme, [h] * count)) < SAME
-        size = np.linalg.norm(simulated / np.abs(simulated).max(axis=0), axis=1)[count // 4 :]
-        growth.append(np.polyfit(range(len(size)), np.log(size), 1)[0])
-    below, above = growth
-    assert below < 0.0 < above
-    assert abs((above + below) / (above - below)) < 1.0
-
-
 @pytest.mark.parametrize("title", SCHEMES)
 def test_a_bond_makes_by_how_much_the_energy_of_spring_and_mass_changes(
     fmu: Path, title: str
@@ -204,47 +169,6 @@ def test_a_bond_makes_by_how_much_the_energy_of_spring_and_mass_changes(
     assert made == pytest.approx(energy[-1] - energy[0], abs=SAME * energy[0])
     ideal = Ideal(SPRING_AND_MASS).states(scheme, [h] * count)
     assert deviation(result.data[:, 1:], ideal) < SAME
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("title", ALGORITHMS)
-def test_a_bond_makes_what_two_inertias_gain_up_to_second_order(fmu: Path, title: str) -> None:
-    """The shaft's torque bends within a step; the trapezoids miss h^2 / 12 times its curvature."""
-    steps, gaps = [UNDAMPED.stop / count for count in UNDAMPED.counts], []
-    for result in simulate(
-        fmu, UNDAMPED.units, SCHEMES[title], UNDAMPED.stop, steps, UNDAMPED.bond
-    ):
-        twist, w_1, w_2 = result.data[:, 1:].T
-        energy = (SHAFT_STIFFNESS * twist**2 + FIRST_INERTIA * w_1**2 + SECOND_INERTIA * w_2**2) / 2
-        made = -next(iter(result.energy.values()))["residual"]
-        gaps.append(energy[-1] - energy[0] - made)
-    require_order(gaps, 2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("benchmark", "algorithm", "control", "tolerances"),
-    [
-        (BENCHMARKS["quarter car"], "strang", "doubling", (1e-3, 1e-4, 1e-5)),
-        (UNDAMPED, "jacobi", "energy", (1e-1, 3e-2, 1e-2)),
-    ],
-)
-def test_errors_of_adaptive_runs_are_proportional_to_the_tolerance(
-    fmu: Path, benchmark: Benchmark, algorithm: str, control: Any, tolerances: Sequence[float]
-) -> None:
-    """By energy that holds where the power that the bond makes keeps its sign, as it does under Jacobi
-    for a torque and a speed that swing a quarter of a period apart.
-    """
-    ideal, scheme, errors = Ideal(benchmark.units), SCHEMES[algorithm], []
-    pieces = 2 if control == "doubling" else 1
-    steps = [Adaptive(allowed, control=control) for allowed in tolerances]
-    for result in simulate(fmu, benchmark.units, scheme, benchmark.stop, steps, benchmark.bond):
-        simulated, sizes = result.data[:, 1:], np.diff(result["time"])
-        predicted = ideal.states(scheme, np.repeat(sizes / pieces, pieces).tolist())[::pieces]
-        assert deviation(simulated, predicted) < SAME
-        errors.append(deviation(simulated, ideal.exact(sizes.tolist())))
-    exponent = math.log(errors[0] / errors[-1], tolerances[0] / tolerances[-1])
-    assert exponent == pytest.approx(1.0, abs=ORDER)
 
 
 K, M, H = 50.0, 2.0, 0.02
@@ -359,17 +283,6 @@ def test_the_ledger_of_gauss_seidel_telescopes(problem: str) -> None:
     values = ideal.run(SCHEMES["gauss-seidel"], [h] * 15)[:, len(ideal.x0) :].T
     p, q = (values[ideal.outputs.index(name)] for name in (flow, effort))
     assert supplied - taken == pytest.approx(h / 2 * (p[0] * q[0] - p[-1] * q[-1]), rel=1e-10)
-
-
-def test_the_ledger_of_jacobi_is_the_cross_product(fmus: Path) -> None:
-    """Either part hears old values: h / 2 (p_n+1 q_n - q_n+1 p_n) is left of every step."""
-    benchmark, h = BENCHMARKS["drive"], 1e-4
-    system = couple(benchmark.units, fmus / "LinearSystem.fmu", bond=benchmark.bond)
-    record = ["shaft.z[1]", "load.y[2]"]
-    result = run(system, stop=0.02, step=h, algorithm="jacobi", record=record)
-    p, q = result.data[:, 1:].T
-    left = h / 2 * (p[1:] * q[:-1] - q[1:] * p[:-1]).sum()
-    assert next(iter(result.energy.values()))["residual"] == pytest.approx(left, rel=1e-10)
 
 
 LOOP = {

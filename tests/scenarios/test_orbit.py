@@ -37,8 +37,6 @@ from workbench.steady import STALLED, at_angles, return_maps
 
 FIGURES = ("nu_90", "nu_peak_tau", "tau2_peak", "nu_peak_w", "w2_peak", "f_rod_peak")
 FMUS = fmus_of(resonance)
-SLOW = pytest.mark.slow
-TWELVE = [[3, k] if k % 6 == 1 else pytest.param([3, k], marks=SLOW) for k in range(12)]
 
 
 def answer_for(

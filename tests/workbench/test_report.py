@@ -3,15 +3,12 @@ mechanisms that are drawn."""
 
 from __future__ import annotations
 
-import math
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -29,14 +26,13 @@ from tests.workbench.browser import Browser, browser
 from workbench.answer import Answer, Show, Table
 from workbench.catalog import names
 from workbench.charts import model as pictures
-from workbench.charts import mpl, plotly
+from workbench.charts import plotly
 from workbench.charts.gif import gif
 from workbench.charts.layout import layout_of
 from workbench.charts.model import (
     Chart,
     Curve,
     HeatMap,
-    Lanes,
     Mark,
     Panel,
     SecondUnit,
@@ -49,8 +45,7 @@ from workbench.figure import Figure
 from workbench.judgement import Judgement
 from workbench.page import html
 from workbench.run import ask as workbench_ask
-from workbench.study.charts import is_geometric, overview
-from workbench.study.file import Study
+from workbench.study.charts import is_geometric
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 QUESTIONS = names(PROJECT.home)
@@ -105,51 +100,12 @@ def curves(picture: Chart | HeatMap) -> Values:
     }
 
 
-def sample_chart() -> Chart:
-    """All that a chart can have."""
-    x = np.linspace(1.0, 10.0, 41)
-    gap = np.where(x > 8.0, np.nan, np.sin(x))
-    return Chart(
-        "All of it", "speed [rad/s]",
-        [
-            Panel("torque", "N.m", [
-                Curve("theory", x, np.sin(x), "grey", "theory"),
-                Curve("seen", x[::4], gap[::4], "red", "points", np.full(11, 0.1)),
-            ], [Mark(2.5, "rated")]),
-            Panel("force", "N", [Curve("force", x, x, "gold", error=x / 10)], includes=(0.0,)),
-            Panel("done", "1", [Curve("flag", x, (x > 4.0) * 1.0, "blue", "step")], includes=(0.0, 1.0)),
-            Panel("energy", "J", [
-                Curve("friction", x, x, "grey", "area"), Curve("stored", x, 2 * x, "sky", "area"),
-                Curve("given", x, 3 * x, "red"),
-            ]),
-            Lanes({"stage": [Span(1.0, 9.0, "falling"), Span(9.0, 9.2, "turning", "red")]}),
-        ],
-        [Mark(3.0, "peak"), Mark(3.1, "crossing")], [Span(2.0, 4.0, "avoid", "red")],
-        SecondUnit("rpm", 30 / math.pi),
-    )  # fmt: skip
-
-
-def test_a_headline_keeps_a_number_with_its_unit() -> None:
-    """Of any length, so that each place between them comes to an end of a line."""
-    for length in range(120, 160):
-        title = mpl.render(
-            [sample_chart()],
-            "w " * (length // 2) + "a" * (length % 2) + " 16.2 of 62.5 N.m (210 %)",
-        ).get_suptitle()
-        assert not any(line.startswith(("%", "N.m")) for line in title.split("\n")), title
-
-
 def test_an_axis_of_a_study_with_logarithmic_spacing_is_logarithmic() -> None:
     assert is_geometric([0.015, 0.015 * 4.0, 0.015 * 16.0]) and is_geometric(
         np.geomspace(1e-3, 1.0, 7)
     )
     for values in ([1.0, 2.0, 3.0], [1.0, 10.0], [0.0, 1.0, 10.0], [-1.0, 1.0, -1.0], []):
         assert not is_geometric(values)
-    grid = {"motor.T": [0.01, 0.1, 1.0], "n": [1.0, 2.0, 3.0]}
-    rows = [dict(zip(grid, x)) | {"y": 1.0} for x in product(*grid.values())]
-    plan = SimpleNamespace(grid=grid, varied=[*grid], tolerances={})
-    (plane,) = overview(cast(Study, plan), pd.DataFrame(rows), ["y"], {})
-    assert isinstance(plane, HeatMap) and (plane.x.log, plane.y.log) == (True, False)
 
 
 def test_a_colour_and_a_look_that_do_not_exist_are_named() -> None:
