@@ -255,16 +255,10 @@ def test_so_do_its_long_ones(page: str, tree: Path) -> None:
 INLINE = sorted({span for page in PAGES for span in spans(page) if span.startswith(".venv/bin/")})
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        pytest.param(command, marks=[pytest.mark.slow] if command in SLOW else [])
-        for command in INLINE
-        if not not_run(command)
-    ],
-)
-def test_a_command_within_the_text_works(command: str, tree: Path) -> None:
-    perform(tree, [("sh", "inline", command)])
+@pytest.mark.parametrize("slow", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_commands_within_the_text_work(slow: bool, tree: Path) -> None:
+    now = [command for command in INLINE if (command in SLOW) == slow and not not_run(command)]
+    perform(tree, [("sh", command, f"{command}\n") for command in now])
 
 
 @pytest.mark.parametrize("command", [x for x in INLINE if x.startswith(BENCHMARK)])
