@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import Any, NamedTuple
 
-from .child import Child, Death
+from .child import WROTE, Child, Death
 from .errors import SetupError
 
 OK, TIMEOUT = "ok", "timeout"
@@ -127,6 +127,8 @@ class Caller:
         """What became of a call whose child died; None, and the call sent again, if that came from outside."""
         began, self._child = child.heard, None
         output, death = child.end(LAST_MOMENTS)
+        if child.why_killed == WROTE:
+            return Outcome("crashed", None, f"its process {WROTE}", trace=output)
         if child.why_killed:
             text = f"no answer after {self._timeout:g} s"
             return Outcome(TIMEOUT, None, text, self._timeout or 0.0, output)

@@ -12,6 +12,8 @@ import math
 import multiprocessing
 import os
 import signal
+import socket
+import struct
 import sys
 import tempfile
 import threading
@@ -32,6 +34,10 @@ from .scratch import scratch
 GRACE = 10.0
 #: Least time between two messages on the progress [s]: a convention of this project, which limits their number.
 BETWEEN = 0.05
+#: Time between two looks at whether a process has ended [s]. Chosen: it ends in a few of them.
+PAUSE = 1e-3
+#: Why a process was killed whose FMU has written into the pipes between it and this one.
+WROTE = "wrote what is no message into the pipes to its parent and was ended (an FMU writes into files that are not its own)"
 #: Signals of a process that has crashed.
 CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL")
 #: The file in the folder of a child that is heard by nobody, with what it prints.
@@ -74,6 +80,7 @@ class Child:
             self._output = undo.enter_context(output)
             self.pipe, its = _SPAWN.Pipe()
             undo.callback(self.pipe.close)
+            _limit_stalls(self.pipe)
             told = (str(self._folder), work, its, *arguments)
             how = {"is_apart": is_apart}
             self.process = _SPAWN.Process(target=_live, args=told, kwargs=how, daemon=is_apart)
@@ -100,8 +107,11 @@ class Child:
     def messages(self, patience: float = 0.0) -> Iterator[Any]:
         """What the process has sent, waiting so long for it [s]; at its end a `Death` is the last."""
         limit = None if patience == math.inf else patience
-        if self.process.sentinel in wait([self.pipe, self.process.sentinel], limit):
-            self.process.join(GRACE)  # it closes its files one by one
+        ready = wait([self.pipe, self.process.sentinel], limit)
+        if self.process.sentinel in ready and not self._ends(
+            GRACE
+        ):  # it closes its files one by one
+            self._kill(WROTE)
         is_alive = self.process.is_alive()
         try:
             while self.pipe.poll():
@@ -109,14 +119,26 @@ class Child:
                 if self.heard is None or self._limits == "silence":
                     self.heard = clock.monotonic()
                 yield message
+        except BlockingIOError:  # what it has begun to send does not come
+            self._kill(WROTE)
         except (EOFError, OSError):
+            self._ends(GRACE)
             is_alive = False
-            self.process.join(GRACE)
         if not is_alive:
             yield Death(self.why_killed or death(self.process))
         elif self.left() == 0.0 and not self.why_killed:
-            self.why_killed = f"did not respond for {self.limit:g} s and was ended"
-            self.process.kill()
+            self._kill(f"did not respond for {self.limit:g} s and was ended")
+
+    def _kill(self, why: str) -> None:
+        self.why_killed = why
+        self.process.kill()
+
+    def _ends(self, seconds: float) -> bool:
+        """Whether the process ends within a while [s], whatever an FMU has written into the pipe whose end tells it."""
+        latest = clock.monotonic() + seconds
+        while (is_alive := self.process.is_alive()) and clock.monotonic() < latest:
+            clock.sleep(PAUSE)
+        return not is_alive
 
     def pass_on(self, stops: Sequence[int]) -> None:
         """Pass on the first of the signals that ask to stop; a second one kills, and so does another one than Ctrl-C after GRACE."""
@@ -130,8 +152,7 @@ class Child:
     def end(self, grace: float = 0.0) -> tuple[str, str]:
         """The last words of the process and how it ended, by itself within a while [s]; what it leaves is removed."""
         self.pipe.close()
-        self.process.join(grace)
-        if self.process.is_alive():
+        if not self._ends(grace):
             with suppress(AttributeError, OSError):
                 os.killpg(self.process.pid or 0, signal.SIGKILL)
             self.process.kill()
@@ -144,16 +165,21 @@ class Child:
         return words, signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
+def _limit_stalls(pipe: Connection) -> None:
+    """Let a message that has begun and does not go on for GRACE raise BlockingIOError, where the system can."""
+    if sys.platform != "win32":
+        with socket.socket(fileno=os.dup(pipe.fileno())) as end:
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", int(GRACE), 0))
+
+
 @contextmanager
-def child(
-    work: Callable[Concatenate[Connection, ...], None], *arguments: Any, grace_seconds: float = 0.0
-) -> Iterator[Child]:
-    """A process that does work(pipe, *arguments); it is killed `grace_seconds` after the body."""
+def child(work: Callable[Concatenate[Connection, ...], None], *arguments: Any) -> Iterator[Child]:
+    """A process that does work(pipe, *arguments); it is killed GRACE after the body."""
     one = Child(work, *arguments)
     try:
         yield one
     finally:
-        one.end(grace_seconds)
+        one.end(GRACE)
 
 
 def death(process: BaseProcess) -> str:

@@ -54,7 +54,7 @@ class Side(Enum):
 
 
 class Extremes(NamedTuple):
-    """The largest or smallest values of curves and their times [s], shape (curves,)."""
+    """The largest, smallest or other values of curves and their times [s], shape (curves,)."""
 
     values: Array
     times: Array
@@ -230,6 +230,10 @@ class Curves:
             _fill_gaps_from_side(c, (t, x), gaps, self.side, broken_gaps(t, self.breaks))
         used = slice(low - begin, high - begin)
         return Polynomials(c[:, :, used], low, t[used], widths[used])
+
+    def row(self, k: int) -> Extremes:
+        """The values and the time of row k."""
+        return Extremes(self.x[:, k], np.full(len(self), self.t[k]))
 
     def largest(self) -> Extremes:
         """The largest values, at a row or where a polynomial has no slope."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -135,8 +135,7 @@ def _column(values: Any) -> NDArray[Any]:
     return np.asarray(values, dtype=object if is_mixed else None)
 
 
-@dataclass(frozen=True)
-class Member:
+class Member(NamedTuple):
     """What one run of an ensemble gives: of its number the rows, shape (rows, columns), and why it failed, if it did.
 
     Of one that never began there are no `facts`. `energy` is given, taken and exchanged over each power bond [J];
@@ -147,9 +146,9 @@ class Member:
     rows: Array
     reason: str = ""
     warnings: Sequence[str] = ()
-    energy: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    energy: Mapping[str, tuple[float, float, float]] = {}
     facts: Facts | None = None
-    figures: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float] = {}
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ class Ensemble:
         rows = np.full(shape, np.nan)
         for k, run in enumerate(self.runs):
             rows[k, : len(run.rows)] = run.rows
-            self.runs[k] = replace(run, rows=rows[k, : len(run.rows)])
+            self.runs[k] = run._replace(rows=rows[k, : len(run.rows)])
         return rows
 
     @cached_property

@@ -11,8 +11,8 @@ class FmuError(RuntimeError):
     """A call into an FMU failed; the text gives the part, the call and the FMU's reason."""
 
 
-class StepDiscarded(FmuError):
-    """A part computed a step only up to the time `reached` [s]."""
+class EndedEarly(FmuError):
+    """A part came only up to the time `reached` [s]."""
 
     def __init__(self, message: str, reached: float) -> None:
         super().__init__(message)
@@ -20,6 +20,10 @@ class StepDiscarded(FmuError):
 
     def __reduce__(self) -> tuple[type[FmuError], tuple[str, float]]:
         return type(self), (str(self), self.reached)
+
+
+class StepDiscarded(EndedEarly):
+    """A part computed a step only up to the time `reached` [s]."""
 
 
 class EventReached(StepDiscarded):
@@ -30,15 +34,8 @@ class NonFiniteValueError(FmuError):
     """A value for a wire or a row is not a finite number."""
 
 
-class SimulationTerminated(FmuError):
+class SimulationTerminated(EndedEarly):
     """A part ended the simulation itself, at the time `reached` [s]."""
-
-    def __init__(self, message: str, reached: float) -> None:
-        super().__init__(message)
-        self.reached = reached
-
-    def __reduce__(self) -> tuple[type[FmuError], tuple[str, float]]:
-        return type(self), (str(self), self.reached)
 
 
 class RunError(RuntimeError):

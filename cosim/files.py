@@ -10,6 +10,9 @@ from pathlib import Path
 
 #: Where names are no files of a user: what they lead to is written in place.
 DEVICES = ("/dev", "/proc")
+#: Bytes that an archive may take on the disk for each byte of its own, beside a few; and at most. Chosen: binaries and
+#: tables shrink by less, and no FMU is so large.
+MOST_EXPANSION, FREE_BYTES, MOST_BYTES = 100, 2**26, 2**33
 #: The byte of a file that Windows locks: derived from its 32 bits of a position, so that others can read the rows.
 LOCKED_BYTE = 2**31 - 2
 
@@ -36,6 +39,16 @@ def replacement(path: Path) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         fresh.unlink(missing_ok=True)
+
+
+def unpacked_bytes(packed: int) -> int:
+    """The bytes that an archive may take on the disk, of which it is so many itself."""
+    return min(FREE_BYTES + MOST_EXPANSION * packed, MOST_BYTES)
+
+
+def too_large(archive: str, most: int) -> str:
+    """What is said of an archive that takes more bytes unpacked than it may."""
+    return f"{archive}: it would take more than {most / 1e6:.4g} MB unpacked, far more than it is packed: leave out what it does not need"
 
 
 def lock_file(file: int) -> bool:

@@ -7,7 +7,7 @@ import logging
 import math
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from logging.handlers import QueueHandler
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,14 +18,15 @@ import numpy as np
 
 from .child import GRACE, Child, Death, child, progress_sender
 from .engine.settings import RunSettings
+from .engine.setup import Setup
+from .engine.system_instance import SystemInstance
 from .errors import SetupError, pluralize
 from .fmu.messages import log, quiet
 from .master import run
-from .prepared import Prepared
 from .result import Interrupted, Result, SimulationError, file_columns, partial, write_json
 from .series import described_columns
 from .signals import collect_interrupts
-from .system import System
+from .system import System, connect
 
 #: Longest wait for a message before signals and time limits are looked at [s]: a convention of this project,
 #: which limits how soon Ctrl-C is passed on.
@@ -58,7 +59,7 @@ def run_isolated(
     ended = ""
     with (
         collect_interrupts() as pressed,
-        child(_work, system, csv, settings, grace_seconds=GRACE) as one,
+        child(_work, system, csv, settings) as one,
     ):
         for message in _messages(one, pressed, timeout=timeout, csv=csv, before=before):
             if isinstance(message, Death):
@@ -105,7 +106,7 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step, and if an FMU ends the process.
     """
-    with child(_begin_in_child, system, settings, grace_seconds=GRACE) as one:
+    with child(_begin_in_child, system, settings) as one:
         error = next(one.messages(math.inf))
     if isinstance(error, Death):
         parts = ", ".join(system.parts)
@@ -120,8 +121,9 @@ def _begin_in_child(pipe: Connection, system: System, settings: RunSettings) -> 
     """Begin in the child and tell the parent what is refused, or None."""
     with suppress(BrokenPipeError), quiet():
         try:
-            with Prepared.open(system, settings) as prepared:
-                prepared.try_begin()
+            setup = Setup.of(connect(system), settings)
+            with closing(SystemInstance(setup)) as instance:
+                instance.begin(setup)
         except SetupError as error:
             pipe.send(error)
         else:

@@ -149,12 +149,6 @@ def open_journal(
     with _opened(path) as file:
         if not lock_descriptor(file.fileno(), blocking=False):
             raise SetupError(f"another process is writing {path}")
-        try:
-            file.seek(0)
-        except OSError as error:
-            raise SetupError(
-                f"{path} is no file that can be read again: {error.strerror}"
-            ) from error
         content, journal = file.readall(), Journal(path, file)
         head, newline, records = content.partition(b"\n")
         before = _identity(head)

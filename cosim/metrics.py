@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .dense import Array, Curves, Polynomials, ends_and_turns
+from .dense import Array, Curves, Extremes, Polynomials, ends_and_turns
 from .errors import SetupError
 from .names import only
 from .series import Column, Kind
@@ -199,7 +199,9 @@ class Metric:
         """
         for name in self.columns:
             if name not in columns:
-                raise SetupError(f"{self}: there is no column {name!r}, {only(name, columns)}")
+                raise SetupError(
+                    f"{self}: {name} is not recorded: name it in `record`, where there is {only(name, columns)}"
+                )
             if columns[name].kind is Kind.TEXT:
                 raise SetupError(f"{self}: the column {name!r} is text and has no such number")
         if reason := self.beyond(start, stop):
@@ -217,7 +219,20 @@ class Metric:
 
 @dataclass(frozen=True)
 class PointValue(Metric):
-    """A value of the column at one time."""
+    """A value of the column at one time, or one less another."""
+
+    def points(self, curves: Curves) -> Sequence[Extremes]:
+        """The value that counts, and the one that is taken from it, with their times."""
+        raise NotImplementedError
+
+    def measure(self, curves: Curves) -> Array:
+        """The value, less the other one."""
+        value, *other = (point.values for point in self.points(curves))
+        return value - other[0] if other else value
+
+    def times_of_value(self, curves: Curves) -> Array:
+        """Those of the values."""
+        return np.stack([point.times for point in self.points(curves)])
 
     def size(self, curves: Curves) -> Array:
         """The range of the column."""
@@ -228,65 +243,45 @@ class PointValue(Metric):
 class Last(PointValue):
     """The last value."""
 
-    def times_of_value(self, curves: Curves) -> Array:
-        """The end."""
-        return np.full((1, len(curves)), curves.t[-1])
-
-    def measure(self, curves: Curves) -> Array:
-        """The value of the last row."""
-        return curves.x[:, -1]
+    def points(self, curves: Curves) -> Sequence[Extremes]:
+        """The last row."""
+        return [curves.row(-1)]
 
 
 @dataclass(frozen=True)
 class Largest(PointValue):
     """The largest value."""
 
-    def measure(self, curves: Curves) -> Array:
-        """The largest value, at or between rows."""
-        return curves.largest().values
-
-    def times_of_value(self, curves: Curves) -> Array:
-        """The time of the peak."""
-        return curves.largest().times[None]
+    def points(self, curves: Curves) -> Sequence[Extremes]:
+        """The peak, at or between rows."""
+        return [curves.largest()]
 
 
 @dataclass(frozen=True)
 class Smallest(PointValue):
     """The smallest value."""
 
-    def measure(self, curves: Curves) -> Array:
-        """The smallest value, at or between rows."""
-        return curves.smallest().values
-
-    def times_of_value(self, curves: Curves) -> Array:
-        """The time of the trough."""
-        return curves.smallest().times[None]
+    def points(self, curves: Curves) -> Sequence[Extremes]:
+        """The trough, at or between rows."""
+        return [curves.smallest()]
 
 
 @dataclass(frozen=True)
 class Swing(PointValue):
     """The largest value less the smallest."""
 
-    def measure(self, curves: Curves) -> Array:
-        """The distance of the extremes, at or between rows."""
-        return curves.largest().values - curves.smallest().values
-
-    def times_of_value(self, curves: Curves) -> Array:
-        """Those of the peak and of the trough."""
-        return np.stack([curves.largest().times, curves.smallest().times])
+    def points(self, curves: Curves) -> Sequence[Extremes]:
+        """The peak and the trough, at or between rows."""
+        return [curves.largest(), curves.smallest()]
 
 
 @dataclass(frozen=True)
 class Change(PointValue):
     """The last value less the first."""
 
-    def measure(self, curves: Curves) -> Array:
-        """The distance of both ends."""
-        return curves.x[:, -1] - curves.x[:, 0]
-
-    def times_of_value(self, curves: Curves) -> Array:
+    def points(self, curves: Curves) -> Sequence[Extremes]:
         """Both ends."""
-        return np.repeat(curves.t[[0, -1], None], len(curves), axis=1)
+        return [curves.row(-1), curves.row(0)]
 
 
 @dataclass(frozen=True)
@@ -296,8 +291,8 @@ class TimeOfLargest(Metric):
     sign: ClassVar[float] = 1.0
 
     def measure(self, curves: Curves) -> Array:
-        """The time of the largest value."""
-        return curves.largest().times
+        """The time of the height."""
+        return np.asarray(self.height.times_of_value(curves)[0])
 
     def unit(self, of_column: str) -> str:
         """Seconds."""
@@ -326,10 +321,6 @@ class TimeOfSmallest(TimeOfLargest):
     """When the value is smallest [s]."""
 
     sign = -1.0
-
-    def measure(self, curves: Curves) -> Array:
-        """The time of the smallest value."""
-        return curves.smallest().times
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -675,6 +666,11 @@ def _root(c: Array, low: float, high: float) -> float:
     return float(brentq(value, low, high, xtol=4.0 * math.ulp(high)))
 
 
+def _number(metric: Metric, t: Array, x: Array) -> float:
+    """The number that a metric of one column makes of rows."""
+    return float(metric.measure(Curves.of_rows(t, x))[0])
+
+
 def largest(t: Array, x: Array) -> float:
     """The largest value of x, in its unit, over times t [s], both of shape (rows,).
 
@@ -685,12 +681,12 @@ def largest(t: Array, x: Array) -> float:
     >>> round(largest(t, np.sin(2 * np.pi * t)), 6)
     1.0
     """
-    return float(Curves.of_rows(t, x).largest().values[0])
+    return _number(Largest(""), t, x)
 
 
 def smallest(t: Array, x: Array) -> float:
     """The smallest value of x, in its unit, over times t [s], both of shape (rows,)."""
-    return float(Curves.of_rows(t, x).smallest().values[0])
+    return _number(Smallest(""), t, x)
 
 
 def time_of_largest(t: Array, x: Array) -> float:
@@ -703,12 +699,12 @@ def time_of_largest(t: Array, x: Array) -> float:
     >>> round(time_of_largest(t, np.sin(2 * np.pi * t)), 6)
     0.25
     """
-    return float(Curves.of_rows(t, x).largest().times[0])
+    return _number(TimeOfLargest(""), t, x)
 
 
 def time_of_smallest(t: Array, x: Array) -> float:
     """When x is smallest [s], over times t [s], both of shape (rows,)."""
-    return float(Curves.of_rows(t, x).smallest().times[0])
+    return _number(TimeOfSmallest(""), t, x)
 
 
 def crossing(t: Array, x: Array, level: float) -> float:
@@ -721,7 +717,7 @@ def crossing(t: Array, x: Array, level: float) -> float:
     >>> round(crossing(t, t**2, 0.25), 6)
     0.5
     """
-    return float(Crossing("", level=level).measure(Curves.of_rows(t, x))[0])
+    return _number(Crossing("", level=level), t, x)
 
 
 def mean(t: Array, x: Array) -> float:
@@ -734,12 +730,12 @@ def mean(t: Array, x: Array) -> float:
     >>> round(mean(t, t**2), 6)
     0.333333
     """
-    return float(Mean("").measure(Curves.of_rows(t, x))[0])
+    return _number(Mean(""), t, x)
 
 
 def rms(t: Array, x: Array) -> float:
     """The square root of the mean of x squared, in the unit of x, over times t [s], both of shape (rows,)."""
-    return float(Rms("").measure(Curves.of_rows(t, x))[0])
+    return _number(Rms(""), t, x)
 
 
 def harmonics(phi: Array, x: Array, highest: int = HIGHEST_ORDER) -> NDArray[np.complex128]:

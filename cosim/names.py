@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable
 from difflib import get_close_matches
+from heapq import nlargest
 from importlib import import_module
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -37,16 +38,12 @@ def meant(wrong: object, names: Iterable[str]) -> str:
 
 
 def _alike(wrong: str, names: Collection[str]) -> Collection[str]:
-    """The names themselves, or of very many those that begin or end most like the wrong one."""
-    if len(names) <= MOST_COMPARED:
-        return names
-    alike: dict[str, None] = {}
-    for backwards in (1, -1):
-        read = [name[::backwards] for name in names]
-        read.sort()
-        k = max(bisect_left(read, wrong[::backwards]) - MOST_COMPARED // 4, 0)
-        alike |= dict.fromkeys(name[::backwards] for name in read[k : k + MOST_COMPARED // 2])
-    return alike
+    """The names themselves, or of very many those that begin and end most like the wrong one."""
+
+    def common(name: str) -> int:
+        return sum(len(commonprefix([wrong[::way], name[::way]])) for way in (1, -1))  # noqa: RUF071 - no paths
+
+    return names if len(names) <= MOST_COMPARED else nlargest(MOST_COMPARED, names, common)
 
 
 def load_on_request(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import logging
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing import RawValue
 from multiprocessing.connection import Connection, wait
@@ -72,8 +72,7 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
     running: list[Job] = []
     told: set[str] = set()
     finished = batch.members - sum(len(chunk.numbers) for chunk in batch.waiting)
-    with ExitStack() as stack:
-        stack.callback(_end_all, running)
+    try:
         while (batch.waiting or running) and not batch.interrupts:
             while batch.waiting and len(running) < batch.jobs:
                 running.append(_start(batch))
@@ -85,6 +84,9 @@ def in_processes(batch: Batch) -> Iterator[Ensemble]:
                     finished += len(block)
                     yield replace(block, cases=batch.cases)
             batch.report((finished + sum(job.done for job in running)) / batch.members)
+    finally:
+        for job in running:
+            job.child.end()
     for text in sorted(told):
         log.error("%s; no run is lost", text)
 
@@ -162,12 +164,6 @@ def _start(batch: Batch) -> Job:
     job = Job(child, member, chunk, batch.setup.columns)
     job.give(chunk)
     return job
-
-
-def _end_all(jobs: list[Job]) -> None:
-    """End processes, whatever they do."""
-    for job in jobs:
-        job.child.end()
 
 
 def _end(job: Job) -> None:

@@ -123,21 +123,13 @@ class Prepared:
         """
         return self._run(case, None, csv, progress, all_rows)[0]
 
-    def run_until(
-        self,
-        time: float,
-        case: Case = NO_CASE,
-        *,
-        csv: Path | str | None = None,
-        progress: Callable[[float], None] | None = None,
-    ) -> Paused:
+    def run_until(self, time: float, case: Case = NO_CASE) -> Paused:
         """Run to the first communication point from a time [s] on, and hand out the state there.
 
-        `progress` is called with the share of the run up to the stop of the settings.
         Raises what `run` does, and SetupError where no run can go on from there: all FMUs must be able to save their
         state, and rows must be at communication points.
         """
-        result, state = self._run(case, time, csv, progress, None)
+        result, state = self._run(case, time)
         if state is None:
             raise SimulationError(f"{result.provenance['reason']}: there is no state", result)
         return Paused(result, state)
@@ -146,9 +138,9 @@ class Prepared:
         self,
         case: Case,
         until: float | None,
-        csv: Path | str | None,
-        progress: Callable[[float], None] | None,
-        all_rows: Path | None,
+        csv: Path | str | None = None,
+        progress: Callable[[float], None] | None = None,
+        all_rows: Path | None = None,
     ) -> tuple[Result, SystemState | None]:
         setup, state = self.setup.with_case(case), None
         if until is not None:
@@ -179,13 +171,6 @@ class Prepared:
             f"{pluralize(ran['rows'], 'row')} kept"
         )
         raise (SimulationError if ran["status"] == "failed" else Interrupted)(stopped, result)
-
-    def try_begin(self) -> None:
-        """Bring instances to the start; raises SetupError."""
-        try:
-            self._instance.begin(self.setup)
-        finally:
-            self._instance.close()
 
     def map(
         self,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -13,7 +12,7 @@ from xml.etree import ElementTree
 
 from .errors import SetupError
 from .files import replacement
-from .json_values import without_infinities
+from .json_values import json_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,7 +58,7 @@ class ReportFile:
             return
         content = getattr(self, name)()
         if not isinstance(content, str):
-            content = json.dumps(without_infinities(content), indent=2)
+            content = json_text(content)
         with replacement(Path(path)) as fresh:
             fresh.write_text(content.rstrip("\n") + "\n", encoding="utf-8")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import functools
 import html
-import json
 import os
 import stat
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 
 from .dense import Curves
 from .errors import RunError, SetupError
-from .json_values import without_infinities
+from .json_values import json_text
 from .series import NO_BREAKS, TIME, Column, Kind, Series, column_facts
 from .table_file import TableFile, facts_path, read_file
 
@@ -369,4 +368,4 @@ def table_facts(columns: Sequence[Column], breaks: Rows) -> dict[str, Any]:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write readable JSON, in which numbers that are infinite or nan are null."""
     with open_unlinked(path, "wb") as file:
-        file.write(f"{json.dumps(without_infinities(content), indent=2)}\n".encode())
+        file.write(json_text(content).encode())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -94,10 +94,10 @@ class Reading(NamedTuple):
     unit: str | None = None
 
     @classmethod
-    def read(cls, text: str, names: Sequence[str], where: str) -> Reading:
+    def read(cls, text: str, names: Collection[str], where: str) -> Reading:
         """The column of "M", or of "M * 0.73 + 5:N.m", which scales it and gives it a unit.
 
-        Raises SetupError for a column that `where` lacks or has twice, and for a factor of 0.
+        Raises SetupError for a column that `where` lacks, and for a factor of 0.
         """
         text = text.strip()
         if text not in names:  # long runs of blanks take the expression below hours
@@ -107,8 +107,6 @@ class Reading(NamedTuple):
         name = match["name"] if match and text not in names else text
         if name not in names:
             raise SetupError(f"{where} has no column {text!r}, {only(text, names)}")
-        if names.count(name) > 1:
-            raise SetupError(f"{where} has two columns {name!r}")
         if match is None or name == text:
             return cls(name)
         factor = float(re.sub(r"\s", "", match["factor"] or "1"))
@@ -169,10 +167,9 @@ class Series:
         return columns[0]
 
     def _index(self, name: str) -> int:
-        for k, column in enumerate(self.columns):
-            if column.name == name:
-                return k
-        raise KeyError(f"{name} was not recorded, {only(name, self.names)}")
+        if name not in (names := self.names):
+            raise KeyError(f"{name} was not recorded, {only(name, names)}")
+        return names.index(name)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.names)
@@ -219,14 +216,12 @@ class Series:
 
     def readings(self, texts: Mapping[str, str]) -> dict[str, Reading]:
         """By new names, how columns are read that are stated as texts; raises SetupError if one is stated twice."""
-        readings: dict[str, Reading] = {}
-        for name, text in texts.items():
-            reading = Reading.read(text, self.names, self.label)
-            for other, taken in readings.items():
-                if taken.name == reading.name:
-                    of = f"{self.label}, column {reading.name}"
-                    raise SetupError(f"{of}: it is mapped twice, to {other} and {name}")
-            readings[name] = reading
+        names, taken = {*self.names}, dict[str, str]()
+        readings = {name: Reading.read(text, names, self.label) for name, text in texts.items()}
+        for name, reading in readings.items():
+            if (other := taken.setdefault(reading.name, name)) != name:
+                of = f"{self.label}, column {reading.name}"
+                raise SetupError(f"{of}: it is mapped twice, to {other} and {name}")
         return readings
 
     def unit_of(self, reading: Reading) -> str:

@@ -148,7 +148,7 @@ class Scoreboard(ReportFile):
             for s in self.standings:
                 if s.system == system and s.steps:
                     k = masters.index(s.master)
-                    shown = [d if d < GROWS else math.nan for d in s.differences]
+                    shown = [d if 0.0 < d < GROWS else math.nan for d in s.differences]
                     style = f"{'os^vD'[k // 10 % 5]}{('-', '--', ':')[k // 10 % 3]}"
                     axis.loglog(
                         s.steps, shown, style, color=f"C{k % 10}", markersize=3, label=s.master

@@ -103,7 +103,7 @@ class Figures:
                 at = int(np.flatnonzero(chunk.numbers == run.number)[0])
                 failed = dict[str, float](), run.reason
                 figures, reason = failed if run.reason else self._certified(runs, chunk, at)
-                done.append(_with(replace(run, reason=reason), figures))
+                done.append(_with(run._replace(reason=reason), figures))
                 progress(len(done))
                 if worker.is_late():
                     break
@@ -132,7 +132,7 @@ class Figures:
 
 def _with(run: Member, figures: Mapping[str, float]) -> Member:
     """A member with figures in place of rows."""
-    return replace(run, rows=run.rows[:0].copy(), figures=figures)
+    return run._replace(rows=run.rows[:0].copy(), figures=figures)
 
 
 class _Runs:

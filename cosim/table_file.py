@@ -86,10 +86,13 @@ class TableFile:
 
 def read_file(path: Path, *, as_texts: bool = False) -> TableFile:
     """The table of a .parquet, a .mat or a text file, of which cells may be left `as_texts`; raises SetupError."""
-    if path.exists() and not path.is_file():
-        raise SetupError(
-            f"{path} cannot be read as a table: it is not a file but a folder, a pipe or a device"
+    if not path.is_file():
+        what = (
+            "it is not a file but a folder, a pipe or a device"
+            if path.exists()
+            else "there is no such file"
         )
+        raise SetupError(f"{path} cannot be read as a table: {what}")
     facts = _facts_beside(path)
     try:
         if path.suffix.lower() == ".mat":

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
+from cosim.names import only
+
 PACKAGE = Path(__file__).resolve().parent
 CLONE = PACKAGE.parent
 IS_CLONE = (CLONE / "build_fmus.py").is_file()
@@ -80,8 +82,7 @@ def problem(name: str, flavour: str, folders: Mapping[str, Path] = FOLDERS) -> s
     existing = sorted(other.stem for other in path.parent.glob(f"*{path.suffix}"))
     is_misspelt = name not in existing and plain(name) in map(plain, existing)
     if IS_CLONE and (is_misspelt or plain(name) not in machine_folders()):
-        others = ", ".join(existing) or "none"
-        return f"there is no machine {name!r} in components; {path.parent} has {others}"
+        return f"there is no machine {name!r}, {only(name, existing)}"
     build = f".venv/bin/python build_fmus.py --flavour {flavour}"
     if not path.is_file():
         return f"there is no {path.name} in {path.parent}" + (

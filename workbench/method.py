@@ -199,7 +199,10 @@ def as_declared(o: Any, x: Number, figure: Figure, units: Mapping[str, str]) -> 
     except LookupError as error:
         raise SetupError(f"{o.path}: the meaning of {x.name!r} names {error}, no option") from error
     except ValueError as error:
-        raise SetupError(f"{o.path}: the meaning of {x.name!r}: {error}") from error
+        raise SetupError(
+            f"{o.path}: the meaning of {x.name!r} = {x.meaning!r} must have options in braces, as in "
+            f"{{stop:g}}, and braces themselves twice"
+        ) from error
     factor: float = 1.0
     formula: str | float | None = None
     if isinstance(x.value, Reader):

@@ -271,9 +271,12 @@ def _check(system: System, metrics: Metrics | None, settings: Mapping[str, Any])
     if not named or not system.parts:
         return
     start, stop = settings.get("start", 0.0), settings.get("stop", math.inf)
-    ports = RunSettings(stop, stop, start, record=settings.get("record")).ports(connect(system))
+    network = connect(system)
+    ports = RunSettings(stop, stop, start, record=settings.get("record")).ports(network)
     columns = {column.name: column for column in (port.column for port in ports)}
     for metric in named:
+        for name in metric.columns:
+            network.port(name)
         metric.check(columns, start, stop)
 
 

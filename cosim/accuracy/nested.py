@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.control import Adaptive, Mesh
+from ..errors import SetupError
 from ..result import Interrupted, Result, Rows, SimulationError
 from ..scratch import scratch
 from ..system import VARIABLE_STEP, ModelDescription, System, connect, parts_without
@@ -42,6 +43,7 @@ ROWS_AT_A_TIME = 1 << 15
 STEP_ROUNDING = 1e-9
 TOO_LONG = "the run is shorter than a step of {:g} s, so that no error can be estimated"
 LOST = "the run with {} fails, so that no error can be estimated: {}"
+OTHER_STEPS = "errors come from runs with other steps as well, which must fit the run"
 BLOWN_UP = "the comparison run with {:g} times the step is unstable: take a step of {:g} s or less"
 
 
@@ -233,6 +235,10 @@ class _Nested:
         except Interrupted as interrupt:
             interrupt.result = self.finest or interrupt.result
             raise
+        except SetupError as error:
+            if self.finest is None:
+                raise
+            raise SetupError(f"{OTHER_STEPS}: {error}") from error
 
     def fixed(self, step: float, known: Mapping[int, Result], halvings: int) -> NestedRuns:
         """The runs for a step [s]."""

@@ -190,7 +190,8 @@ class Linear:
         y = self.step_response(input, output, t)
         figure = Picture(figsize=(9, 8), layout="constrained")
         axes = figure.subplots(3)
-        axes[0].loglog(w, np.abs(response))
+        gain = np.abs(response)
+        axes[0].loglog(w, np.where(gain > 0.0, gain, np.nan))
         axes[1].semilogx(w, np.degrees(np.unwrap(np.angle(response))))
         axes[2].plot(t, y)
         per = f"{self.units[output] or '1'} / ({self.units[input] or '1'})"

@@ -240,9 +240,9 @@ def require(package: str, what: str) -> None:
         raise SetupError(f"{what} needs the package {package}, which is not installed")
 
 
-def assignment(text: str) -> tuple[str, str]:
-    """Name and value of an assignment such as "motor.T=0.05"."""
+def assignment(text: str, form: str = "NAME=VALUE") -> tuple[str, str]:
+    """Name and value of an assignment such as "motor.T=0.05"; raises SetupError with the form for another text."""
     name, equals, value = text.partition("=")
     if not equals:
-        raise SetupError(f"{text!r} must read NAME=VALUE")
+        raise SetupError(f"{text!r} must read {form}")
     return name.strip(), value.strip()

@@ -8,7 +8,6 @@ import os
 import sys
 import time as clock
 from contextlib import suppress
-from typing import Self
 
 from ..errors import FmuError
 from ..signals import reinstall_handlers
@@ -23,7 +22,7 @@ C = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None)
 
 
 class ProcessGuard:
-    """Keeps these as they were when it was made, at the latest as a context ends; `warnings` reports what had to be restored."""
+    """Keeps these as they were when it was made, by `restore`; `warnings` reports what had to be restored."""
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -35,12 +34,6 @@ class ProcessGuard:
         C.fegetenv(self._environment)
         self._folder = _folder()
         self._looked = clock.perf_counter()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.restore()
 
     def restore(self) -> None:
         """Bring back what an FMU has changed."""

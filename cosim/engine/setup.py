@@ -112,7 +112,7 @@ class Setup:
                 "or Case(begin=state) for the state that run_until hands out"
             )
         if case.begin is not None:
-            if not isinstance(case.begin, SystemState):
+            if not isinstance(case.begin, SystemState) or not case.begin.is_sound:
                 raise SetupError(
                     "begin must be the state that run_until hands out: write begin=paused.state"
                 )

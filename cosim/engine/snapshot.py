@@ -147,6 +147,17 @@ class SystemState:
     memory: StepMemory | None = field(repr=False)
 
     @property
+    def is_sound(self) -> bool:
+        """Whether it has what `run_until` hands out, which nobody has taken out of it."""
+        times = (self.time, self.start, self.stop_told, self.broken_until)
+        mappings = (self.start_values, self.system_start, self.inputs_before, self.parts)
+        return (
+            all(isinstance(x, float | int) for x in times)
+            and all(isinstance(x, Mapping) for x in mappings)
+            and all(isinstance(x, PartState) for x in self.parts.values())
+        )
+
+    @property
     def live(self) -> dict[str, CoSimulation]:
         """The instances that alone may take their state, by part."""
         parts = self.parts.items()

@@ -18,6 +18,7 @@ from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import _FMU3, FMU3Model, FMU3Slave
 
 from ..errors import FmuError
+from ..files import too_large, unpacked_bytes
 from ..scratch import scratch
 from ..system import time_and_size
 from ..system.description import ModelDescription
@@ -129,14 +130,16 @@ def unpack_for_platform(path: Path, folder: Path) -> None:
     platforms = {fmpy.platform, fmpy.platform_tuple}
     try:
         with ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-            if size > 2**30 + 100 * path.stat().st_size:
-                raise FmuError(f"{path} would be far larger unpacked than it is packed")
-            for name in archive.namelist():
-                top, _, rest = name.partition("/")
+            size, needed = 0, []
+            for entry in archive.infolist():
+                top, _, rest = entry.filename.partition("/")
                 runs = top == "binaries" and rest.split("/")[0] in platforms
                 if top == "resources" or not rest or runs:
-                    archive.extract(name, folder)
+                    needed.append(entry)
+                    size += entry.file_size
+            if size > (most := unpacked_bytes(path.stat().st_size)):
+                raise FmuError(too_large(str(path), most))
+            archive.extractall(folder, needed)
     except FmuError:
         raise
     except Exception as error:

@@ -45,9 +45,9 @@ class SavedState:
 class Session:
     """An instance of an FMU from its instantiation to `close`; raises FmuError where a call fails.
 
-    `component` is the instance for functions of `library`, `binding` the same for those of FMPy. One that `is_told_stop`
-    does not initialise without a stop time. How a version of FMI names what both have stands in the class: functions of
-    the C library come after the `prefix`; `deserialize` and `update` are methods of FMPy.
+    `component` is the instance for functions of `library`, `binding` the same for those of FMPy. It `is_stepping` from its
+    initialisation until it is terminated. One that `is_told_stop` does not initialise without a stop time. How a version of
+    FMI names what both have stands in the class: functions of the C library come after the `prefix`; `deserialize` and `update` are methods of FMPy.
     """
 
     prefix = state_name = deserialize = derivatives = update = ""
@@ -68,7 +68,7 @@ class Session:
         self.closed = False
         self._states: list[SavedState] = []
         self._worst = OK
-        self._is_initialised = self.is_told_stop = False
+        self.is_stepping = self.is_told_stop = False
         if side == MODEL_EXCHANGE:
             self.binding = fmu.new_model(self.name, description)
             self.library = ctypes.PyDLL(None, handle=self.binding.dll._handle)
@@ -89,14 +89,9 @@ class Session:
         )
         if module is not None:
             return f"{self.messages.reason()}: install {module[1]}"
-        is_needed = self.interface.needsExecutionTool and not self._is_initialised
+        is_needed = self.interface.needsExecutionTool and not self.is_stepping
         tool = self.description.generationTool or "its tool"
         return self.messages.reason() + (f"; it needs {tool} to run" if is_needed else "")
-
-    @property
-    def is_stepping(self) -> bool:
-        """Whether initialisation is over and the instance has not been terminated."""
-        return self._is_initialised
 
     def function(self, name: str) -> Any:
         """The C function of this name after the prefix of the version."""
@@ -143,11 +138,11 @@ class Session:
     def leave_initialisation(self) -> None:
         """Leave initialisation mode for the first step."""
         self.call("exitInitializationMode")
-        self._is_initialised = True
+        self.is_stepping = True
 
     def reset(self) -> None:
         """Be as if made anew; saved states are freed."""
-        self._is_initialised = False
+        self.is_stepping = False
         self.messages.clear()
         while self._states:
             self.drop(self._states.pop())
@@ -171,7 +166,7 @@ class Session:
         status = self.function(f"Set{self.state_name}")(self.component, state.pointer)
         if status != OK:
             self.answered("SetFMUstate", status)
-        self._is_initialised = True
+        self.is_stepping = True
 
     def serialized(self, state: SavedState) -> SerializedState:
         """A saved state as bytes."""
@@ -194,7 +189,7 @@ class Session:
 
     def terminate(self) -> None:
         """Terminate; the last values can still be got."""
-        self._is_initialised = False
+        self.is_stepping = False
         self.call("terminate")
 
     def close(self) -> None:
@@ -206,7 +201,7 @@ class Session:
             for state in self._states:
                 with suppress(Exception):
                     self.drop(state)
-            if self._is_initialised and self._worst < ERROR:
+            if self.is_stepping and self._worst < ERROR:
                 with suppress(Exception):
                     self.terminate()
             with suppress(Exception):

@@ -202,9 +202,8 @@ def _checked(parameter: FreeParameter) -> FreeParameter:
     """The parameter with its starts inside its bounds; raises SetupError if the guess is not."""
     low, high, unit = parameter.low, parameter.high, parameter.unit
     if not low <= parameter.guess <= high:
-        raise SetupError(
-            f"{parameter.name} = {parameter.guess!r} {unit} must lie between {low!r} and {high!r} {unit}"
-        )
+        where = f"at least {low!r}" if high == math.inf else f"between {low!r} and {high!r}"
+        raise SetupError(f"{parameter.name} = {parameter.guess!r} {unit} must be {where} {unit}")
     return replace(
         parameter,
         start_low=max(parameter.start_low, low),

@@ -21,6 +21,13 @@ NATIVE_INTEGERS = {"Integer": "Int32", "Enumeration": "Int64"}
 SINGLE = (2.0 - 2.0**-23) * 2.0**127
 
 
+#: What a value of a type must be, in words.
+KINDS = {
+    "Real": "a finite number",
+    "Integer": "a whole number",
+    "Enumeration": "one of its items",
+    "Boolean": "true or false",
+}
 #: Truth values as people and Python write them, beside the 0 and 1 of XML.
 TRUTHS = {"true": True, "false": False, "True": True, "False": False}
 
@@ -76,17 +83,15 @@ def checked_start(catalog: Catalog, port: Port, value: Value) -> tuple[Port, Val
 def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
     """A number in the type of its port; raises SetupError for one that it cannot have, with what to write."""
     items = enumeration(port.variable)
+    expected = f"one of {', '.join(items)}" if items else KINDS[port.type]
     if isinstance(value, str):
         value = items[value] if value in items else value_of_text(catalog, port, value)
     try:
         number = NUMERIC[port.type](value)
     except (TypeError, ValueError, OverflowError):
-        expected = f"one of {', '.join(items)}" if items else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}") from None
     logical = isinstance(value, bool) and port.type != "Boolean"
     if isinstance(value, str) or logical or number != value:
-        is_number = port.type == "Real" and not logical and not isinstance(value, str)
-        expected = "a finite number" if is_number else f"of type {port.type}"
         raise SetupError(f"{port} = {value!r} must be {expected}")
     limits = broken_limits(port.variable, number)
     if port.type == "Real" and not math.isfinite(number):

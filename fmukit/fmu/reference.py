@@ -127,10 +127,10 @@ def slave_table(interface: Interface) -> dict[str, Any]:
     return {"variables": tuple(rows)} | {name: getattr(interface, name) for name in ranges}
 
 
-def by_equations(model: ModuleType, guid: str = "") -> type[instance.Slave]:
+def by_equations(model: ModuleType) -> type[instance.Slave]:
     """The slave that calls the functions of a model as they stand."""
     interface = Interface(model)
-    return _slave(interface, equations.functions(interface), guid)
+    return _slave(interface, equations.functions(interface))
 
 
 def by_printed(model: ModuleType) -> type[instance.Slave]:
@@ -138,11 +138,11 @@ def by_printed(model: ModuleType) -> type[instance.Slave]:
     printed = ModuleType(class_name(model))
     code = compile(codegen.generate(model).python, printed.__name__, "exec")
     exec(code, vars(printed))  # noqa: S102 (it is what the Python FMU imports)
-    return _slave(Interface(model), printed, "")
+    return _slave(Interface(model), printed)
 
 
-def _slave(interface: Interface, functions: Any, guid: str) -> type[instance.Slave]:
-    body = slave_table(interface) | {"guid": guid, "functions": functions}
+def _slave(interface: Interface, functions: Any) -> type[instance.Slave]:
+    body = slave_table(interface) | {"guid": "", "functions": functions}
     return type(class_name(interface.model), (instance.Slave,), body)
 
 

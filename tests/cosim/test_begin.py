@@ -406,3 +406,16 @@ def test_the_loop_in_c_leaves_instances_at_the_time_that_steps_in_python_do(
         for part in state.parts.values():
             assert part.fmu.events.now == pytest.approx(state.time, abs=1e-12)
             assert part.fmu.events.due == pytest.approx(math.ceil(10 * until - 0.5) / 10 + 0.05)
+
+
+@pytest.mark.parametrize(
+    "damage", [{"parts": None}, {"parts": {"motor": None}}, {"time": None}, {"inputs_before": 3}]
+)
+def test_a_state_of_which_something_is_taken_is_refused(
+    damage: dict[str, Any], native: Path
+) -> None:
+    system = System({"motor": native / "DriveMotor.fmu"})
+    with Prepared.open(system, RunSettings(stop=0.1, step=0.01)) as prepared:
+        state = replace(prepared.run_until(0.05).state, **damage)
+        with pytest.raises(SetupError, match="the state that run_until hands out"):
+            prepared.run(Case(begin=state))

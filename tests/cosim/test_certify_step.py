@@ -23,6 +23,7 @@ from cosim import (
 )
 from cosim.metrics import Largest, Last, Mean, Smallest
 from cosim.series import TIME, Column
+from tests.cosim import foreign
 from tests.cosim.test_cosim import pair
 
 #: A motor without a load, whose speed is its input.
@@ -216,3 +217,13 @@ def test_a_stretch_that_reaches_beyond_the_run_is_refused(
         certify(system, {"f": metric}, stop=0.1, step=1e-3)
     with pytest.raises(SetupError, match="its stretch must lie in the run"):
         sweep(system, {"motor.A": [7000.0]}, {"f": metric}, stop=0.1, step=1e-3)
+
+
+def test_runs_with_other_steps_that_a_part_cannot_take_are_named_as_such(tmp_path: Path) -> None:
+    """Its own step fits; the refusal of one twice as long spoke of that alone."""
+    steady = "canHandleVariableCommunicationStepSize"
+    system = foreign.single_fmu_system(foreign.pack(tmp_path / "A.fmu", **{steady: False}))
+    with pytest.raises(SetupError, match=r"errors come from runs with other steps.* 0.2 s"):
+        certify(system, stop=0.3, step=0.1)
+    with pytest.raises(SetupError, match=r"^stop = 0.35 s must be a whole number of steps"):
+        certify(system, stop=0.35, step=0.1)

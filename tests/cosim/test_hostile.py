@@ -115,7 +115,7 @@ def also(name: str, content: str = "x", mode: int = 0o100644) -> Damage:
 
 
 ARCHIVES: dict[str, tuple[Damage, str]] = {
-    "bomb": (first(file_size=BIG), "unpacked, it would be far larger than it is packed"),
+    "bomb": (first(file_size=BIG), "MB unpacked, far more than it is packed"),
     "said to be short": (first(file_size=10), "is not a readable zip file: Bad CRC-32"),
     "encrypted": (first(flag_bits=1), "is not a readable zip file: File"),
     "of the future": (first(extract_version=99), "is not a readable zip file: zip file version 9.9"),
@@ -186,9 +186,17 @@ def test_an_fmu_is_no_bomb(name: str, tmp_path: Path, refused: Refused) -> None:
     message = (
         "modelDescription.xml of more than 128 MiB"
         if name[0] == "m"
-        else "would be far larger unpacked"
+        else "MB unpacked, far more than it is packed"
     )
     refused(fmu, message)
+
+
+def test_zeros_that_pack_to_nothing_are_not_unpacked(tmp_path: Path, refused: Refused) -> None:
+    """A gigabyte of them, in a megabyte, was."""
+    fmu = foreign(tmp_path / "A.fmu")
+    with zipfile.ZipFile(fmu, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("resources/zeros", bytes(10**8))
+    refused(fmu, "MB unpacked, far more than it is packed: leave out what it does not need")
 
 
 @pytest.mark.parametrize("entity", [LAUGHS + "<a>&e11;</a>", OUTSIDE + "<a>&out;</a>"])

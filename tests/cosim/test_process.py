@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import builtins
+import contextlib
 import os
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from cosim import Result, System, run
+from cosim import Result, System, child, run
 from cosim.__main__ import main as command
 from cosim.fmu import library
 from tests.conftest import ROOT
@@ -129,3 +132,26 @@ def test_ctrl_c_while_the_modules_are_imported_prints_no_traceback(
         [sys.executable, "-c", program], cwd=ROOT, check=True, capture_output=True
     )
     assert done.stdout.split() == [b"set()"]
+
+
+def write_into(kind: str, pipe: Any) -> None:
+    """What an FMU does that writes into descriptors that are not its own, of pipes or of sockets, and goes on."""
+    is_kind = {"pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK}[kind]
+    for descriptor in range(3, 64):
+        with contextlib.suppress(OSError):
+            if is_kind(os.fstat(descriptor).st_mode):
+                os.write(descriptor, b"AAAAAAAA")
+    signal.pause()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its pipes are not of POSIX")
+@pytest.mark.parametrize("kind", ["pipe", "socket"])
+def test_a_child_that_writes_into_the_pipes_to_its_parent_is_ended(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its parent waited for its end, or for the rest of a message of 1 GB, without end."""
+    monkeypatch.setattr(child, "GRACE", 1.0)
+    one = child.Child(partial(write_into, kind), is_apart=True)
+    ends = [m for _ in range(5) for m in one.messages(child.GRACE) if isinstance(m, child.Death)]
+    one.end()
+    assert ends[0].how == child.WROTE

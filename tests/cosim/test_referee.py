@@ -669,7 +669,7 @@ def test_a_modelica_result_is_read(tmp_path: Path) -> None:
         "data_2": np.stack([t, t**2]),
     }  # fmt: skip
     savemat(path, content, format="4")
-    table = read_foreign(path)
+    table, _ = read_foreign(path)
     assert table.t.tolist() == t.tolist()
     assert table["motor.neg"].tolist() == (-(t**2)).tolist()
     assert table["motor.J"].tolist() == [0.5] * 5
@@ -722,3 +722,10 @@ def test_what_is_no_result_is_refused_in_a_single_line(
         referee(drive(native), path)
     assert "\n" not in str(refusal.value)
     assert name in str(refusal.value) or "motor.tau" in str(refusal.value)
+
+
+def test_a_footer_is_left_out_and_told(native: Path, tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    independent(0.3, 301).to_csv(path, index=False)
+    path.write_text(f"{path.read_text()}end of the run\n")
+    assert "1 row without a time at the end: not judged" in referee(drive(native), path).notes

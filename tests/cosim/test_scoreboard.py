@@ -7,6 +7,7 @@ import math
 import shutil
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 
 from cosim import SetupError, read_ssp, run, scoreboard
 from cosim.cli.main import main
+from cosim.standings import Scoreboard, Standing
 from reference_systems.make import SPACING, ReferenceAnswer, exact_answer, write_system
 from reference_systems.systems import SYSTEMS, build_fmus
 
@@ -213,3 +215,12 @@ def test_a_mistake_in_the_toy_master_of_the_page_is_named(board: Path, tmp_path:
     assert standing.verdict == "differs" and "not certain" not in standing.cause
     said = "the wire from motor.tau to conveyor.tau brings 0.001 times its source: kN.m for N.m?"
     assert said in standing.cause
+
+
+def test_a_picture_without_a_difference_above_zero_is_drawn_without_a_warning(
+    tmp_path: Path,
+) -> None:
+    exact = Standing("mine", "pair", (1e-3, 5e-4), (0.0, 0.0), verdict="agrees")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Scoreboard((exact,)).plot(tmp_path / "board.png")

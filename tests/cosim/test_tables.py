@@ -51,7 +51,7 @@ def test_every_reader_understands_the_same_headings(tmp_path: Path) -> None:
     path = _written(tmp_path, "time (ms),n (rpm)\n0,30\n500,60\n1000,90\n")
     table = Series.read(path, "n")
     (record,) = measured(path, {"w": "n"}, time="time").values()
-    foreign = read_foreign(path)
+    foreign, _ = read_foreign(path)
     for series in (table, record, foreign):
         assert series.t.tolist() == [0.0, 0.5, 1.0]
         assert (series.numbers().tolist(), series.signal.unit) == ([30.0, 60.0, 90.0], "rpm")
@@ -134,7 +134,7 @@ def test_times_of_parquet_are_seconds(tmp_path: Path) -> None:
     for name, column in (("date", when), ("duration", when - when[0])):
         path = tmp_path / f"{name}.parquet"
         pd.DataFrame({"time": column, "x": [1.0, 2.0, 3.0]}).to_parquet(path)
-        assert read_foreign(path).t.tolist() == [0.0, 0.5, 1.5]
+        assert read_foreign(path)[0].t.tolist() == [0.0, 0.5, 1.5]
         pd.DataFrame({"x": [1.0, 2.0, 3.0]}, index=pd.Index(column, name="time")).to_parquet(path)
         assert Series.read(path).t.tolist() == [0.0, 0.5, 1.5]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -87,7 +88,11 @@ def load(path: Path, project: Project = NO_PROJECT) -> Study:
     except OSError as error:
         raise SetupError(f"{path} cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise SetupError(f"{path} is not a TOML file: {error}") from None
+        line = re.search(r"line \d+", str(error))
+        raise SetupError(
+            f"{path} is not a TOML file{f': {line[0]}' if line else ''}: write KEY = VALUE, each key once in its "
+            "table, and texts in quotes"
+        ) from None
     try:
         return _study(path, content, project)
     except SetupError as error:

@@ -106,7 +106,7 @@ def referee(
         if seconds is not None and not seconds > 0.0:
             raise SetupError(f"{name} = {seconds!r} s must be above 0")
     network = connect(system)
-    table = read_foreign(result)
+    table, timeless = read_foreign(result)
     label = Path(table.label).name
     table, time_cause = _in_seconds(table, stop)
     ports = RunSettings(math.inf, 1.0, start).ports(network)
@@ -128,7 +128,7 @@ def referee(
     request = Request(
         names, table.t[rows], start, PRECISION * tolerance, step, timeout, table.breaks[:, 0]
     )
-    notes = tuple(_notes(table, matches, rows))
+    notes = tuple(_notes(table, matches, rows, timeless))
     if reference is not None:
         solution = exact_rows(reference, request)
     else:
@@ -208,13 +208,16 @@ def _notes(
     table: Series,
     matches: Sequence[MatchedColumn],
     rows: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    timeless: int,
 ) -> Iterable[str]:
-    """What is not judged."""
+    """What is not judged, of which are so many rows without a time."""
     used = {match.column for match in matches}
     rest = [name for name in table.names[1:] if name not in used]
     if rest:
         yield f"not judged: {', '.join(rest)}"
     if ignored := int(np.count_nonzero(~rows)):
         yield f"{pluralize(ignored, 'row')} before the start is not judged"
+    if timeless:
+        yield f"{pluralize(timeless, 'row')} without a time at the end: not judged"
     if assumed := [m.column for m in matches if not m.stated_unit and m.port.unit not in ("", "1")]:
         yield f"without a unit, taken to be in the FMU's: {', '.join(assumed)}"

@@ -19,6 +19,7 @@ from ...fmu.reference_rows import ReferenceRows
 from ...prepared import Prepared
 from ...result import Result, SimulationError
 from ...system import Network
+from ...system.graph import algebraic_loops
 from ..limit import limit
 from ..reference import oracle
 
@@ -233,15 +234,7 @@ def integrate(network: Network, request: Request, tolerance: float) -> Reference
 
 def _refine(network: Network, request: Request, refusal: str) -> ReferenceSolution:
     """Compare runs whose steps are halved until their errors are as small as wanted; raises SetupError."""
-    try:
-        return _refined(network, request, "strang", refusal)
-    except SetupError as error:
-        if "algebraic loop" not in str(error):
-            raise
-    return _refined(network, request, "iterated", refusal)
-
-
-def _refined(network: Network, request: Request, algorithm: str, refusal: str) -> ReferenceSolution:
+    algorithm = "iterated" if algebraic_loops(network) else "strang"
     spacing, deadline = request.output_step(), clock.monotonic() + request.timeout
     step = 0.25 * spacing / max(1, round(spacing / (request.step or spacing)))
     settings = RunSettings(

@@ -46,11 +46,11 @@ class MatchedColumn:
     values: Array
 
 
-def read_foreign(source: Source) -> Series:
+def read_foreign(source: Source) -> tuple[Series, int]:
     """Read what another master wrote: the time [s], and its columns but those that count steps.
 
-    Rows without a time at the end are left out, and of rows with the same time the last one counts, which is after a
-    break. Raises SetupError if it cannot be read, has fewer than two rows, or has times that fall.
+    Besides, how many rows without a time there are at the end, which are left out, as a footer is. Of rows with the same
+    time the last one counts, which is after a break. Raises SetupError if it cannot be read, has fewer than two rows, or has times that fall.
     """
     whole = Series.of_any(source, "the table" if not isinstance(source, Result) else "the result")
     clock, label = whole.clock, whole.label
@@ -74,12 +74,13 @@ def read_foreign(source: Source) -> Series:
         raise SetupError(f"{error}; {reason}") from error
     jumps = time[1:][np.diff(time) == 0.0]
     kept = [c for c in whole.columns if c.name != clock and c.name.lower() not in COUNTERS]
-    return Series(
+    table = Series(
         [TIME, *kept],
         lambda k: (whole[kept[k - 1].name][finite] if k else time)[rows],
         breaks=np.column_stack([jumps, jumps]),
         label=label,
     )
+    return table, int(np.count_nonzero(~finite))
 
 
 def match_columns(

@@ -86,7 +86,7 @@ def _run_and_write(
             with quiet(), bar(file.title, start, stop) as progress:
                 arguments["progress"] = progress
                 if options.certify:
-                    certified = _certified(file.system, runner, arguments)
+                    certified = certify(file.system, runner=runner, **arguments)
                     result = certified.result
                 else:
                     result = runner(file.system, **arguments)
@@ -98,18 +98,6 @@ def _run_and_write(
         if path_at_end is not None:
             write_result(result, path_at_end, options.part)
     return result, certified
-
-
-def _certified(system: System, runner: Any, arguments: dict[str, Any]) -> Certified:
-    """The run with its errors; a step that the further runs cannot take is named as theirs."""
-    try:
-        return certify(system, runner=runner, **arguments)
-    except SetupError as error:
-        if "a whole number of steps" not in str(error):
-            raise
-        raise SetupError(
-            f"--certify also runs with other steps, which must fit the run: {error}"
-        ) from error
 
 
 def run_summary(result: Result) -> Iterator[str]:

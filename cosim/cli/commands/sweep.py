@@ -48,6 +48,8 @@ METRICS: dict[str, Any] = {
 }  # fmt: skip
 FIGURE = re.compile(r"(?P<kind>[^:]*):(?P<column>[^@]+?)(?:@(?P<begin>[^@]*?)\.\.(?P<end>[^@]*))?")
 SPAN = re.compile(r"(?P<low>[^:]+):(?P<high>[^:]+):\s*(?P<n>\d+)\s*")
+#: How --vary reads.
+VARIED = "NAME=from:to:n with n of at least 2, or NAME=a,b,c"
 #: Runs of a sweep. A convention: their cases and figures fit into memory.
 MOST_RUNS = 1_000_000
 #: Rows of a table that is printed; a longer one is written. A convention: more do not fit on a screen.
@@ -182,7 +184,7 @@ def _distinct(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
     """The values of "motor.T=5ms:50ms:10", or of "motor.T=5ms,20ms"; raises SetupError."""
-    name, content = assignment(text)
+    name, content = assignment(text, VARIED)
     port = network.port(name)
     span = SPAN.fullmatch(content)
     if span is not None and int(span["n"]) > 1:
@@ -190,7 +192,7 @@ def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
         low, high = (_number(network, port, span[key]) for key in ("low", "high"))
         values: list[Value] = np.linspace(low, high, int(span["n"])).tolist()
     elif ":" in content and port.type not in ("String", "Enumeration"):
-        raise SetupError(f"{text!r} must read NAME=from:to:n with n of at least 2, or NAME=a,b,c")
+        raise SetupError(f"{text!r} must read {VARIED}")
     else:
         values = [value_of_text(network, port, piece.strip()) for piece in content.split(",")]
     return port.name, [checked_start(network, port, value)[1] for value in values]
@@ -198,7 +200,7 @@ def _axis(text: str, network: Network) -> tuple[str, list[Value]]:
 
 def _bounds(text: str, network: Network) -> tuple[str, tuple[float, float]]:
     """The bounds of "motor.T=5ms..50ms"; raises SetupError."""
-    name, content = assignment(text)
+    name, content = assignment(text, "NAME=a..b")
     port = network.port(name)
     low, dots, high = content.partition("..")
     if not dots:

@@ -11,6 +11,7 @@ from urllib.parse import unquote, urlsplit
 from lxml import etree
 
 from ...errors import SetupError
+from ...files import too_large, unpacked_bytes
 
 Element = Any
 STANDARD = "http://ssp-standard.org/SSP1/SystemStructure"
@@ -33,10 +34,6 @@ ELEMENT = 50
 LINK = 5
 #: Most items of a package. Chosen: read in seconds, and far above real packages.
 MOST_ITEMS = 1_000_000
-#: Bytes that any package may take on the disk. Chosen: a few large FMUs.
-MOST_BYTES = 2**30
-#: Bytes that it may take for each byte of the packed file. Chosen: binaries and tables shrink by less.
-MOST_EXPANSION = 100
 
 
 class Budget:
@@ -46,13 +43,14 @@ class Budget:
     """
 
     def __init__(self, size: int) -> None:
-        self.bytes, self.items = MOST_BYTES + MOST_EXPANSION * size, MOST_ITEMS
+        self.bytes = self.most = unpacked_bytes(size)
+        self.items = MOST_ITEMS
 
     def take(self, where: str, items: int, size: int = 0) -> None:
         """Raise SetupError, which begins with `where`, when there is no room left."""
         self.items, self.bytes = self.items - items, self.bytes - size
         if self.bytes < 0:
-            raise SetupError(f"{where}: unpacked, it would be far larger than it is packed")
+            raise SetupError(too_large(where, self.most))
         if self.items < 0:
             raise SetupError(f"{where}: the system has too many elements, connections and values")
 
