@@ -216,7 +216,7 @@ class Series:
 
     def readings(self, texts: Mapping[str, str]) -> dict[str, Reading]:
         """By new names, how columns are read that are stated as texts; raises SetupError if one is stated twice."""
-        names, taken = {*self.names}, dict[str, str]()
+        names, taken = dict.fromkeys(self.names), dict[str, str]()
         readings = {name: Reading.read(text, names, self.label) for name, text in texts.items()}
         for name, reading in readings.items():
             if (other := taken.setdefault(reading.name, name)) != name:

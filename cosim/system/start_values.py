@@ -22,7 +22,7 @@ SINGLE = (2.0 - 2.0**-23) * 2.0**127
 
 
 #: What a value of a type must be, in words.
-KINDS = {
+KIND_WORDS = {
     "Real": "a finite number",
     "Integer": "a whole number",
     "Enumeration": "one of its items",
@@ -83,7 +83,7 @@ def checked_start(catalog: Catalog, port: Port, value: Value) -> tuple[Port, Val
 def _checked_number(catalog: Catalog, port: Port, value: Value) -> Value:
     """A number in the type of its port; raises SetupError for one that it cannot have, with what to write."""
     items = enumeration(port.variable)
-    expected = f"one of {', '.join(items)}" if items else KINDS[port.type]
+    expected = f"one of {', '.join(items)}" if items else KIND_WORDS[port.type]
     if isinstance(value, str):
         value = items[value] if value in items else value_of_text(catalog, port, value)
     try:

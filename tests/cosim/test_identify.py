@@ -161,7 +161,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"free": ["motor.X"]}, "motor has no variable 'X', only"),
     ({"free": ["conveyor.x"]}, "conveyor.x [m] cannot be free: it must be a Real start value"),
     ({"free": {"motor.T": (0.1, 0.1)}}, "motor.T cannot move from 0.1 to 0.1 s"),
-    ({"free": {"motor.T": (0.1, 0.2)}}, "motor.T = 0.075 s must lie between 0.1 and 0.2 s"),
+    ({"free": {"motor.T": (0.1, 0.2)}}, "motor.T = 0.075 s must be between 0.1 and 0.2 s"),
     ({"free": []}, "no value is free"),
     ({"free": ["gain(motor.tau)"]}, "motor.tau is not a measured column, only conveyor.w"),
     ({"free": ["motor.w"]}, "motor.w [rad/s] cannot be free"),

@@ -263,7 +263,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "item": ({"inputs": {"A.enumeration_in": Series.of({"t": [0.0], "mode": ["fast"]})}}, "must be one of low"),
     "both": ({"inputs": {"A.u": RAMP}, "changes": ["1 A.u=2"]}, "it also follows a table"),
     "text": ({"changes": ["A.u = 2"]}, "must read 'at TIME s part.variable = value'"),
-    "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be of type Real"),
+    "value": ({"changes": ["at 0.5 s A.u = two"]}, "A.u = 'two' must be a finite number"),
     "grid": ({"changes": ["at 0.55 s A.a = -3"], "capabilities": {"canHandleVariableCommunicationStepSize": False}},
         "A.a = 0.55 s must be a whole number of steps of 0.1 s"),
 }  # fmt: skip
@@ -420,7 +420,7 @@ BAD_FILES = {
     "row": ("name,value\nT,1\nX,1\n", "set.csv, row 3: parameter X fits no variable"),
     "row type": (
         "name,value\nT,fast\n",
-        "row 2: parameter T: DriveMotor.T [s] = 'fast' must be of type Real",
+        "row 2: parameter T: DriveMotor.T [s] = 'fast' must be a finite number",
     ),
     "row unit": (
         "name,value,unit\nT,1,N.m\n",
@@ -429,11 +429,11 @@ BAD_FILES = {
     "row item": ("name,value\ncharacteristic,round\n", "'round' must be one of linear, kloss"),
     "short row": (
         "name,value\nT\n",
-        "row 2: parameter T: DriveMotor.T [s] = '' must be of type Real",
+        "row 2: parameter T: DriveMotor.T [s] = '' must be a finite number",
     ),
     "no text": ("\0\1", "has no column 'name'"),
     "suffix": ("T = 1", "set.txt must be an .ssv or a .csv"),
-    "missing": (None, "No such file or directory"),
+    "missing": (None, "there is no such file"),
 }
 
 

@@ -159,7 +159,11 @@ def _structure(
         _connections(connections, task)
         for connector, wires in network.system.connectors.items():
             for wire in wires:
-                _outer_connection(connections, task, connector, wire)
+                sides = (
+                    connector if name == connector else task.element(network.port(name))
+                    for name in wire[:2]
+                )
+                _connection(connections, wire, *sides, converts=False)
     notes = Element(qualified("ssd:Annotations"))
     _omsimulator(notes, network, step)
     if network.system.bonds:
@@ -329,50 +333,37 @@ def _connections(connections: Element, task: SspContent) -> None:
         elements = [(task.element(wire.source), task.element(wire.target)) for wire in wires]
         straight = all(start.indices == end.indices for start, end in elements)
         if straight and source.shape == target.shape and len(wires) == prod(source.shape):
-            _connection(connections, wires[0], (source, target))
-            continue
-        log.warning(
-            "%s -> %s: the indices of elements count from 1; SSP 2.0 does not say where to begin",
-            *(f"{variable.part}.{variable.name}" for variable in (source, target)),
-        )
+            wires, elements = wires[:1], [(source, target)]
+        else:
+            log.warning(
+                "%s -> %s: the indices of elements count from 1; SSP 2.0 does not say where to begin",
+                *(f"{variable.part}.{variable.name}" for variable in (source, target)),
+            )
         for wire, ends in zip(wires, elements):
-            _connection(connections, wire, ends)
+            converts = not scaled(wire) and wire.source.unit == wire.target.unit
+            _connection(connections, wire, *ends, converts=converts)
 
 
 def _connection(
     connections: Element,
-    wire: Connection,
-    variables: tuple[WrittenVariable, WrittenVariable],
+    wire: Connection | Wire,
+    start: WrittenVariable | str,
+    end: WrittenVariable | str,
+    *,
+    converts: bool,
 ) -> None:
-    """Numbers as our master makes them: no reading tool is to convert units once more."""
+    """Numbers as our master makes them, between variables or connectors of the system, which are texts."""
     ends: dict[str, str] = {}
-    for end, variable in zip(("start", "end"), variables):
-        ends |= {f"{end}Element": variable.part, f"{end}Connector": variable.name}
-        if variable.indices:
-            ends[f"{end}Indices"] = " ".join(map(str, variable.indices))
-    if scaled(wire) or wire.source.unit != wire.target.unit:
+    for word, of in (("start", start), ("end", end)):
+        if isinstance(of, str):
+            ends[f"{word}Connector"] = of
+            continue
+        ends |= {f"{word}Element": of.part, f"{word}Connector": of.name}
+        if of.indices:
+            ends[f"{word}Indices"] = " ".join(map(str, of.indices))
+    if not converts:
         ends["suppressUnitConversion"] = "true"
-    _line(SubElement(connections, qualified("ssd:Connection"), ends), wire)
-
-
-def _outer_connection(connections: Element, task: SspContent, connector: str, wire: Wire) -> None:
-    """A wire between a connector of the system and a variable, whose numbers are as it says."""
-    is_inward = wire.source == connector
-    inner = task.element(task.network.port(wire.target if is_inward else wire.source))
-    near, far = ("start", "end") if is_inward else ("end", "start")
-    ends = {
-        f"{near}Connector": connector,
-        f"{far}Element": inner.part,
-        f"{far}Connector": inner.name,
-    }
-    if inner.indices:
-        ends[f"{far}Indices"] = " ".join(map(str, inner.indices))
-    ends["suppressUnitConversion"] = "true"
-    _line(SubElement(connections, qualified("ssd:Connection"), ends), wire)
-
-
-def _line(connection: Element, wire: Connection | Wire) -> None:
-    """Factor and offset of a connection that has them."""
+    connection = SubElement(connections, qualified("ssd:Connection"), ends)
     if scaled(wire):
         factor, offset = repr(wire.factor), repr(wire.offset)
         SubElement(connection, qualified("ssc:LinearTransformation"), factor=factor, offset=offset)
