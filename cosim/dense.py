@@ -429,18 +429,15 @@ def _fill_gaps_from_side(
         slope = np.divide(rise, widths[k], out=np.zeros(len(k)), where=widths[k] > 0.0)
         c[:, curve, k] = [0.0 * slope, 0.0 * slope, slope, x[curve, k]]
         return
-    every = np.arange(len(widths))
-    known, jump = ~gaps & (widths > 0.0), widths <= 0.0
-    if side is Side.BEFORE:
-        nearest = np.maximum.accumulate(np.where(known, every, -1), axis=1)
-        last = np.maximum.accumulate(np.where(jump, every, -1))
-        of, found = nearest[curve, k], nearest[curve, k] > last[k]
-        value = x[curve, k]
-    else:
-        end = len(widths)
-        nearest = np.minimum.accumulate(np.where(known, every, end)[:, ::-1], axis=1)[:, ::-1]
-        first = np.minimum.accumulate(np.where(jump, every, end)[::-1])[::-1]
-        of, found = nearest[curve, k], nearest[curve, k] < first[k]
+    way = (
+        1 if side is Side.BEFORE else -1
+    )  # rows are counted from the end if the piece is behind the gap
+    every, known, jump = np.arange(len(widths)), ~gaps & (widths > 0.0), widths <= 0.0
+    nearest = np.maximum.accumulate(np.where(known[:, ::way], every, -1), axis=1)[:, ::way]
+    last = np.maximum.accumulate(np.where(jump[::way], every, -1))[::way]
+    of, found = every[::way][nearest[curve, k]], nearest[curve, k] > last[k]
+    value = x[curve, k]
+    if side is Side.AFTER:
         value = np.where(np.isin(k, valueless), np.nan, x[curve, k + 1])
     of = np.where(found, of, 0)
     s = t[k] - t[of]
