@@ -10,7 +10,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, SetupError
-from cosim.dense import thinned_rows
 from cosim.metrics import Largest, Mean, Rms, Smallest, harmonics
 from workbench import Figure
 from workbench.figure import ROUNDING
@@ -102,8 +101,8 @@ def turns(r: Result, drive: str) -> LastTurns:
 
 
 def cycle_figures(r: Result) -> dict[str, Figure]:
-    """Counts of products, and what the last cycles tell, with what every second row alone changes, and what they
-    differ from those that end a cycle before, which is not settled. Raises SetupError where there are too few.
+    """Counts of products, and what the last cycles tell, with what they differ from those that end a cycle before,
+    which is not settled. Raises SetupError where there are too few.
     """
     begins = releases(r)
     if len(begins) < MEASURED + 2:
@@ -121,14 +120,11 @@ def cycle_figures(r: Result) -> dict[str, Figure]:
             "products released while another was under way",
         ),
     }
-    others = [cycles(r.select(thinned_rows(r.t, 2, k))) for k in (0, 1)]
     before = cycles(r.select(slice(begins[-2] + 1)))
     figures = {name: Figure(float(x), "1", 0.0, meaning) for name, (x, meaning) in counts.items()}
     for name, x in cycles(r).items():
-        by_rows, shifted = (
-            max(abs(x.value - each[name].value) for each in some) for some in (others, [before])
-        )
-        error = None if x.error is None else by_rows + shifted + ROUNDING * abs(x.value)
+        shifted = abs(x.value - before[name].value)
+        error = None if x.error is None else shifted + ROUNDING * abs(x.value)
         figures[name] = x._replace(error=error)
     return figures
 
