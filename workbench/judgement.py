@@ -44,7 +44,8 @@ class Judgement:
     is_so : bool, optional
         The answer where no number decides; `note` then says why.
     yes, no : str
-        What to do if it holds, and if it does not; said in the answer in place of claim and yes or no.
+        What to do if it holds, and if it does not; said in the answer in place of claim and yes or no. With `no` alone the
+        claim is said where it holds.
     note : str
         What else there is to say.
     is_wanted : bool
@@ -172,7 +173,9 @@ class Judgement:
 
     def headline(self) -> str:
         """Return the judgement as a line of an answer: what to do, if that is said, and the figure that says so."""
-        do = {Holds.YES: self.yes, Holds.NO: self.no}.get(self.answer or Holds.OPEN, "")
+        do = {Holds.YES: self.yes or (self.no and self.what), Holds.NO: self.no}.get(
+            self.answer or Holds.OPEN, ""
+        )
         said = "; ".join(x for x in (self.evidence(), self.note) if x)
         return capital(": ".join(x for x in (do, said) if x)) if do else self.text()
 
@@ -256,7 +259,7 @@ def in_time(
     """Return the judgement of what happens at a time, and within another [s]; `why` says why it never does."""
     is_known = time.error is not None
     return Judgement(
-        claim, time, most=within, is_so=False if why else is_known or None, yes=yes or claim, no=negation,
+        claim, time, most=within, is_so=False if why else is_known or None, yes=yes, no=negation,
         note=why or (f"after {time.brief()}" if is_known else ""),
     )  # fmt: skip
 

@@ -167,7 +167,6 @@ class IronBounce(IronTurn):
             f"the follower stays on the cam at {at}",
             Figure(self.speed, "rad/s", 0.0),
             most=limit,
-            yes=f"The follower stays on the cam at {at}",
             no=f"Stay below {limit.brief()} ({cycles.brief()}), or the follower leaves the cam"
             if limit.value > 0.0
             else f"The follower leaves the cam at {at}, as at any speed",

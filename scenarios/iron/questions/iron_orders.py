@@ -103,7 +103,6 @@ class IronOrders(Question):
                     added,
                     most=IMPORTANT,
                     is_so=True if adds_nothing else None,
-                    yes=f"With a motor lag of {lag} ms no torque order grows {grows}",
                     no=f"With a motor lag of {lag} ms a torque order grows {grows}",
                     note=added.reason if adds_nothing else "",
                 )

@@ -129,7 +129,6 @@ class PackingLine(Question, RunOptions):
                 f["oriented"],
                 least=f["released"],
                 is_so=keeps,
-                yes="The line keeps pace",
                 no="The line does not keep pace",
                 note=counted if keeps else f"{counted}; {why}",
             ),
