@@ -49,8 +49,12 @@ NOISE_FLOOR = 1e-6
 #: Ratio of two changes in sequence above which the orbit has stopped approaching; a Newton step that still
 #: works lowers the change by far more.
 STALLED_RATIO = 0.3
-#: Relative change per revolution above which the Jacobian is taken anew; below it, rounding would tell it.
-JACOBIAN_UPDATE = 1e-6
+#: Relative change per revolution above which the Jacobian is taken anew; below it, rounding and the noise of rows would
+#: tell it.
+JACOBIAN_UPDATE = 1e-5
+#: Share of its scale by which each state is displaced first, so that the changes of one that begins on its orbit tell a
+#: Jacobian, too: ten times JACOBIAN_UPDATE.
+DISPLACEMENT = 1e-4
 #: Changes that rounding makes, which interpolation between rows multiplies by its weights: they tell no Jacobian.
 CHANGE_BY_ROUNDING = 1e-11
 #: Singular values, over the largest, below which the Jacobian along a direction is not known. It is a
@@ -106,15 +110,6 @@ class LastTwoTurns:
         """Return the values of a column, shape (n, 2, angles)."""
         return np.asarray(self.values[..., self.columns.index(column)])
 
-    def sine_amplitudes(self, column: str, order: int) -> NDArray[np.complex128]:
-        """Return complex amplitudes of an order of the crank angle, X = Im(X_hat exp(i k phi)), shape (n, 2).
-
-        They are those of the sums over even angles, which are exact for orders below half their number.
-        """
-        number = self.values.shape[2]
-        wave = np.exp(-2j * math.pi * order / number * np.arange(number))
-        return np.asarray(2j / number * (self.of(column) @ wave))
-
     def settling_error(self, of_both: Any) -> Any:
         """Return what settling leaves open of quantities of both revolutions, shape (n, 2), a value of shape (n,).
 
@@ -132,8 +127,8 @@ class _NewtonState:
     ) -> None:
         n, states = begin.shape
         self.step = step
-        self.at, self.turned = begin.copy(), np.full_like(begin, np.nan)
         self.scale = np.maximum(np.abs(begin), MIN_STATE_SCALE * speed[:, None])
+        self.at, self.turned = begin + DISPLACEMENT * self.scale, np.full_like(begin, np.nan)
         self.pace, self.change = np.ones(n), np.full(n, np.inf)
         self.jacobian = np.full((n, states, states), np.nan)
         self.is_open = np.ones(n, bool)
@@ -304,7 +299,7 @@ def _read(search: _NewtonState, m: NDArray[Any], block: Ensemble, speed: Array, 
     search.at[back] = (search.at[back] + search.turned[back]) / 2.0
     k = np.arange(len(m))
     short = ~failed & rises & (phi[k, np.maximum(end - STENCIL // 2, 0)] < wanted)
-    search.pace[m[short]] *= phi[k, end][short] / wanted / RUN_MARGIN
+    search.pace[m[short]] *= np.minimum(phi[k, end][short] / wanted, 1.0) / RUN_MARGIN
     slow = short & (search.pace[m] < SLOWEST_PACE)
     search.refuse(
         m[slow],

@@ -135,7 +135,7 @@ def test_coupled_link_has_the_ripple_of_exact_orbits_and_that_of_theory(
             System(fmus_, wires, start), near, list(near), "conveyor.phi", np.array([nu]),
             steps_per_rev=512, record=["conveyor.f_pin"],
         )  # fmt: skip
-        simulated = np.array([turns.sine_amplitudes("motor.tau", k)[0, 1] for k in range(1, 5)])
+        simulated = 2j * np.fft.rfft(turns.of("motor.tau")[0, 1], norm="forward")[1:5]
         theory = link.ripples(nu).torque[:4]
         true = exact(drive(machine, Link, l=LINK), nu)[1][:4]
         largest = np.abs(true).max()
