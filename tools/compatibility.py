@@ -80,7 +80,7 @@ def write_example(fmu: Path, folder: Path) -> str:
     time, step = values.t, float(values.t[1] - values.t[0])
     names = values.names[1 : 1 + MOST_VARIABLES]
     inputs = {v.name: number(v.start) for v in about.modelVariables if v.causality == "input"}
-    tables = {
+    tables: dict[str, dict[str, Any]] = {
         "ref": {"time": time} | {n: values.numbers(n) for n in names},
         "in": {"time": time[[0, -1]], **inputs} if inputs else {},
     }
