@@ -173,13 +173,15 @@ def _limit_stalls(pipe: Connection) -> None:
 
 
 @contextmanager
-def child(work: Callable[Concatenate[Connection, ...], None], *arguments: Any) -> Iterator[Child]:
-    """A process that does work(pipe, *arguments); it is killed GRACE after the body."""
+def child(
+    work: Callable[Concatenate[Connection, ...], None], *arguments: Any, grace_seconds: float = 0.0
+) -> Iterator[Child]:
+    """A process that does work(pipe, *arguments); it is killed `grace_seconds` after the body."""
     one = Child(work, *arguments)
     try:
         yield one
     finally:
-        one.end(GRACE)
+        one.end(grace_seconds)
 
 
 def death(process: BaseProcess) -> str:

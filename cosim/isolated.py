@@ -59,7 +59,7 @@ def run_isolated(
     ended = ""
     with (
         collect_interrupts() as pressed,
-        child(_work, system, csv, settings) as one,
+        child(_work, system, csv, settings, grace_seconds=GRACE) as one,
     ):
         for message in _messages(one, pressed, timeout=timeout, csv=csv, before=before):
             if isinstance(message, Death):
@@ -106,7 +106,7 @@ def begin_isolated(system: System, settings: RunSettings) -> None:
     SetupError
         For what `run` refuses before the first step, and if an FMU ends the process.
     """
-    with child(_begin_in_child, system, settings) as one:
+    with child(_begin_in_child, system, settings, grace_seconds=GRACE) as one:
         error = next(one.messages(math.inf))
     if isinstance(error, Death):
         parts = ", ".join(system.parts)
