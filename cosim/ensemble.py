@@ -279,22 +279,14 @@ class Ensemble:
 
     def _groups_with_same_times(self) -> Iterator[Numbers]:
         """The positions of members that came to their end, as many with the same times and breaks as may be looked at at once."""
-        rest = np.flatnonzero([not reason for reason in self.reasons])
+        groups: dict[tuple[bytes, bytes], list[int]] = {}
+        for k, run in enumerate(self.runs):
+            if not run.reason and run.facts is not None:
+                key = run.rows[:, 0].tobytes(), run.facts.breaks.tobytes()
+                groups.setdefault(key, []).append(k)
         most = max(1, MOST_POINTS // max(1, self.rows.shape[1]))
-        while len(rest):
-            n, some = self.counts[rest[0]], rest[:most]
-            times = self.rows[some, :n, 0]
-            same = (self.counts[some] == n) & (times == times[0]).all(axis=1)
-            same &= [self._breaks_are_equal(rest[0], k) for k in some]
-            yield some[same]
-            rest = np.concatenate([some[~same], rest[most:]])
-
-    def _breaks_are_equal(self, first: int, second: int) -> bool:
-        """Whether two members may jump at the same times."""
-        one, other = self.runs[first].facts, self.runs[second].facts
-        return one is other or (
-            one is not None and other is not None and np.array_equal(one.breaks, other.breaks)
-        )
+        for some in groups.values():
+            yield from (np.array(some[k : k + most]) for k in range(0, len(some), most))
 
     def frame(self, metrics: Mapping[str, Metric] | None = None) -> pd.DataFrame:
         """The cases, the numbers that metrics make of them, and why members failed, as a frame of pandas."""

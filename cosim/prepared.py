@@ -271,9 +271,7 @@ class Prepared:
                 raise SetupError(f"there are {len(values)} {name} for {n} cases")
         spans = [StepAndStop(*pair) for pair in zip(steps, stops)]
         keys = [repr(span) for span in spans]
-        for span in dict(zip(keys, spans)).values() if cases.begin is not None else ():
-            self.setup.with_span(*span, settings.output_step).require_begin_of_many(cases.case(0))
-        rows = {key: self._group_key(span) for key, span in dict(zip(keys, spans)).items()}
+        rows = {key: self._group_key(cases, span) for key, span in dict(zip(keys, spans)).items()}
         groups: dict[tuple[int, str], list[int]] = {}
         for k in range(n) if how.numbers is None else how.numbers.tolist():
             groups.setdefault(rows[keys[k]], []).append(k)
@@ -289,11 +287,13 @@ class Prepared:
                 chunks.append(Chunk(np.array(some), [spans[k] for k in some], settings.output_step))
         return chunks
 
-    def _group_key(self, span: StepAndStop) -> tuple[int, str]:
+    def _group_key(self, cases: Cases, span: StepAndStop) -> tuple[int, str]:
         """About how many rows a member has, and its steps if they are adaptive; raises SetupError for what makes no run."""
         output_step = self.setup.settings.output_step
         setup = self.setup.with_span(*span, output_step)
         settings = setup.settings
+        if cases.begin is not None:
+            setup.require_begin_of_many(cases.case(0))
         if isinstance(span.step, Adaptive):
             return FEW_ROWS, repr(span.step)
         every = settings.steps_per_row()

@@ -253,20 +253,22 @@ class Result(Series):
         return figure
 
 
-class SimulationError(RunError):
-    """A part failed during the run; `result` contains all rows up to then."""
-
-    def __init__(self, message: str, result: Result) -> None:
-        super().__init__(message)
-        self.result = result
-
-
-class Interrupted(KeyboardInterrupt):
-    """A run was interrupted by Ctrl-C; `result` contains all rows up to then, of many runs those that are done."""
+class Unfinished(BaseException):
+    """What ended a run or several; `result` contains all rows up to then, of many runs those that are done."""
 
     def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
         self.result = result
+
+
+class SimulationError(Unfinished, RunError):
+    """A part failed during the run."""
+
+    result: Result
+
+
+class Interrupted(Unfinished, KeyboardInterrupt):
+    """A run was interrupted by Ctrl-C."""
 
 
 def partial(path: Path) -> Path:

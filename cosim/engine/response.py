@@ -150,6 +150,4 @@ def _has_answered(
         elif any(f"{part.name}.{v.name}" in new for v in output.dependencies):
             declared.append(name)
     follows = {name: before[name] != after[name] for name in (*declared, *others)}
-    return all(follows[n] for n in declared) and (
-        not others or any(follows[n] for n in (*declared, *others))
-    )
+    return all(follows[n] for n in declared) and (not others or any(follows.values()))

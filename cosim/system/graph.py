@@ -49,49 +49,22 @@ def algebraic_loops(network: Network) -> list[list[Connection]]:
         for output, inputs in feedthrough(description).items():
             for entry in inputs:
                 onto[f"{name}.{entry}"] += from_output[f"{name}.{output}"]
-    rings = strongly_connected([onto[wire.target.name] for wire in wires])
+    leads = [onto[wire.target.name] for wire in wires]
+    arrows = [(k, end) for k, ends in enumerate(leads) for end in ends]
+    if not arrows:
+        return []
+    from scipy.sparse import coo_array  # which takes longer to import than most systems need
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array(([1] * len(arrows), tuple(zip(*arrows))), shape=(len(wires), len(wires)))
+    rings: dict[int, list[int]] = defaultdict(list)
+    for k, ring in enumerate(connected_components(graph, connection="strong")[1].tolist()):
+        rings[ring].append(k)
     return [
-        [wires[k] for k in sorted(ring)]
-        for ring in sorted(rings, key=min)
-        if len(ring) > 1 or ring[0] in onto[wires[ring[0]].target.name]
+        [wires[k] for k in ring]
+        for ring in rings.values()
+        if len(ring) > 1 or ring[0] in leads[ring[0]]
     ]
-
-
-def strongly_connected(leads: Sequence[Sequence[int]]) -> list[list[int]]:
-    """The sets of nodes that lead to each other, where node k leads to the nodes leads[k].
-
-    Kosaraju's algorithm: two searches, the second against the arrows, in the order in which the
-    first one left the nodes.
-    """
-    left: list[int] = []
-    visited: set[int] = set()
-    for root in range(len(leads)):
-        path = [] if root in visited else [(root, iter(leads[root]))]
-        visited.add(root)
-        while path:
-            node, ahead = path[-1]
-            fresh = next((k for k in ahead if k not in visited), None)
-            if fresh is None:
-                left.append(node)
-                path.pop()
-            else:
-                visited.add(fresh)
-                path.append((fresh, iter(leads[fresh])))
-    back = defaultdict(list)
-    for node, ends in enumerate(leads):
-        for end in ends:
-            back[end].append(node)
-    rings = []
-    while left:
-        nodes, ring = [left.pop()], []
-        while nodes:
-            node = nodes.pop()
-            if node in visited:
-                visited.remove(node)
-                ring.append(node)
-                nodes += back[node]
-        rings += [ring] if ring else []
-    return rings
 
 
 def describe_loop(loop: Sequence[Connection]) -> str:

@@ -19,7 +19,7 @@ from cosim.engine.setup import setup_problems
 from cosim.formats.ssp.files import ROOT_SSD
 from cosim.formats.ssp.rules import load_valid
 from cosim.system import connect
-from cosim.system.graph import stepping_order, strongly_connected
+from cosim.system.graph import stepping_order
 from tests.conftest import described, rewritten
 from tests.cosim.foreign import pack
 
@@ -112,17 +112,3 @@ def test_parts_step_after_what_they_receive(fmus: Path) -> None:
     chains = System(dict(reversed(system.parts.items())), system.wires[::2], start)
     order = [f"line.{kind}{k}" for k in (2, 1, 0) for kind in "mc"]
     assert stepping_order(connect(chains), None) == order
-
-
-@pytest.mark.parametrize(
-    ("leads", "rings"),
-    [
-        ([[1], [2], [0], [0]], [[0, 1, 2], [3]]),
-        ([[1], [], [1, 3], [2]], [[0], [1], [2, 3]]),
-        ([[*range(1, 5000)], *([k + 1] for k in range(1, 4999)), [1]], [[0], [*range(1, 5000)]]),
-    ],
-)
-def test_rings_are_located_in_graphs_of_any_depth(
-    leads: list[list[int]], rings: list[list[int]]
-) -> None:
-    assert sorted(sorted(ring) for ring in strongly_connected(leads)) == rings
