@@ -516,10 +516,7 @@ class Settled(LastTurn):
         """What the number of single curves may still change, a geometric series of three turns in sequence; nan with fewer."""
         angle = self.within(curves[-1]) or curves[-1]
         ends = (self.end, *(last_turn(angle, k * self.turns) for k in (1, 2)))
-        last, before, first = (Metric.__call__(replace(self, end=t), *curves)[0] for t in ends)
-        change, earlier = abs(last - before), abs(before - first)
-        share = np.minimum(change / earlier, SLOWEST) if earlier else SLOWEST
-        return float(change * np.maximum(1.0, share / (1.0 - share)))
+        return change_to_come(*(Metric.__call__(replace(self, end=t), *curves)[0] for t in ends))
 
     def lack(self, unit: str, *curves: Curves) -> str:
         """It turns less than three times, or is not steady."""
@@ -585,6 +582,13 @@ def one_by_one(*curves: Curves) -> Iterator[list[Curves]]:
     """The first of each of these curves, the second of each, and so on."""
     for k in range(len(curves[0])):
         yield [c.take([k]) for c in curves]
+
+
+def change_to_come(last: float, before: float, first: float) -> float:
+    """Return what a number may still change that had these values in sequence, as a geometric series; nan for nan."""
+    change, earlier = abs(last - before), abs(before - first)
+    share = np.minimum(change / earlier, SLOWEST) if earlier else SLOWEST
+    return float(change * np.maximum(1.0, share / (1.0 - share)))
 
 
 def last_turn(angle: Curves, turns: int) -> float:

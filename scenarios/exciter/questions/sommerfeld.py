@@ -22,6 +22,7 @@ from cosim import (
     System,
     run,
 )
+from cosim.metrics import change_to_come
 from cosim.system import connect
 from workbench import (
     Chart,
@@ -289,22 +290,17 @@ class HeldDrive(NamedTuple):
         return min(self.step, period / LEVEL_STEPS)
 
     def level(self, supply: float, states: Mapping[str, float]) -> HeldVoltage:
-        """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost.
-
-        The drifts of the speed from hold to hold are taken as a geometric series, whose sum is the rest.
-        """
-        speed, drift, holds, is_steady = np.inf, np.inf, 0, False
-        while not is_steady and holds < MAX_HOLDS:
+        """Hold one voltage until the rest of the drift is below STEADY and what the motor gives is lost."""
+        speeds, is_steady = [math.inf, math.inf], False
+        while not is_steady and len(speeds) < 2 + MAX_HOLDS:
             r = self.run(supply, states)
             t, phi, x = r["time"], r["exciter.phi"], r["exciter.x"]
             states = {name: float(r[name][-1]) for name in STATES}
-            mean = float((phi[-1] - phi[0]) / t[-1])
-            before, drift, speed = drift, abs(mean - speed), mean
+            speeds.append(float((phi[-1] - phi[0]) / t[-1]))
             work, loss = (float(r[name].mean()) for name in POWERS)
-            rest = drift * max(1.0, drift / (before - drift)) if before > drift else np.inf
+            rest = change_to_come(*speeds[:-4:-1])
             is_steady = rest < STEADY and abs(work - loss) < BALANCED * abs(work)
-            holds += 1
-        return HeldVoltage(supply, speed, float(np.abs(x).max()), states, is_steady)
+        return HeldVoltage(supply, speeds[-1], float(np.abs(x).max()), states, is_steady)
 
 
 class Observed(NamedTuple):
