@@ -43,8 +43,8 @@ RUNS = 28
 #: Runs of its certified values, about: two on each side, each with three step sizes.
 CERTIFIED = 7
 #: Turns of runs until an orbit is steady, from both sides and with three step sizes, about; and steps of what has neither turns
-#: nor a stop.
-TURNS, UNKNOWN_STEPS = 50, 1000
+#: nor a stop, so many that nobody waits for them unasked.
+TURNS, UNKNOWN_STEPS = 50, 100_000
 #: Steps that one of a Python FMU counts as; measured ones take 6 to 23 times as long as native ones.
 PYTHON_STEPS = 10
 #: Least share of a range that counts as above 0. A convention.

@@ -20,7 +20,7 @@ from workbench import Context, Figure, Findings, Judgement, Question, Slider, cl
 from workbench.answer import option_values
 from workbench.export import print_and_write
 from workbench.find import Find
-from workbench.remedies import Remedies, Search, search_for, values_until, with_remedies
+from workbench.remedies import Range, Remedies, Search, search_for, values_until, with_remedies
 from workbench.run import answer
 
 #: Natural frequency, damping ratio and stall of an oscillator at excitation w; its amplification must be below LIMIT.
@@ -183,6 +183,22 @@ def test_a_search_of_more_steps_is_left_and_said_and_a_good_answer_has_none() ->
     assert with_remedies(answer(Oscillator, oscillator(w=0.5), {}), math.inf)[1] == []
     idle = replace(got.search, ranges=[x for x in got.search.ranges if x.name == "paint"])
     assert with_remedies(replace(got, search=idle), math.inf)[1] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "inputs", "is_sought"),
+    [
+        ("resonance", 14, True), ("orbit", 7, True), ("orientator_cycle", 8, True), ("iron_cycle", 4, True),
+        ("iron_bounce", 5, False), ("speed_step", 6, False), ("iron_start", 5, False), ("sommerfeld", 3, False),
+    ],
+)  # fmt: skip
+def test_what_is_sought_unasked_follows_from_the_steps_of_a_question(
+    name: str, inputs: int, is_sought: bool
+) -> None:
+    varied = [Range(f"input {k}", "", 1.0, 0.5, 2.0) for k in range(inputs)]
+    o = PROJECT.load(name).parse({})
+    steps = Search(o, Context({}), varied, lambda *_: [], [0]).steps
+    assert (steps <= cli.SEARCH_STEPS) == is_sought
 
 
 def vary(name: str, low: float, high: float) -> Find:
