@@ -199,15 +199,6 @@ def test_zeros_that_pack_to_nothing_are_not_unpacked(tmp_path: Path, refused: Re
     refused(fmu, "MB unpacked, far more than it is packed: leave out what it does not need")
 
 
-@pytest.mark.parametrize("entity", [LAUGHS + "<a>&e11;</a>", OUTSIDE + "<a>&out;</a>"])
-def test_the_description_of_an_fmu_is_no_bomb(
-    entity: str, tmp_path: Path, refused: Refused
-) -> None:
-    swap = described((r"(?s)\A.*\Z", entity))
-    fmu = rewritten(foreign(tmp_path / "A.fmu"), tmp_path / "B.fmu", swap)
-    refused(fmu, "is not a valid FMU: modelDescription.xml")
-
-
 @pytest.mark.parametrize(
     ("codec", "named"), [("utf-16", "UTF-16"), ("latin-1", "ISO-8859-1"), ("utf-8-sig", "UTF-8")]
 )

@@ -18,7 +18,6 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from cosim import Adaptive, Interrupted, Series, SetupError, SimulationError, System, run
-from cosim.engine.loop import Loop, lay_out
 from cosim.engine.settings import RunSettings
 from cosim.engine.snapshot import Case
 from cosim.engine.system_instance import KNOWN_TOOLS
@@ -123,23 +122,6 @@ def ensemble_of(
     """The ensemble of a system over one second, in steps of 0.1 s."""
     with Prepared.open(system, RunSettings(**{"stop": 1.0, "step": 0.1} | settings)) as prepared:
         return prepared.map(cases, jobs=jobs)
-
-
-@pytest.mark.parametrize("flavour", ["native", "fmi3"])
-def test_all_steps_of_a_member_are_one_call_of_the_loop(
-    flavour: str, fmus: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Instances are made and laid out once, and the cut last step is one of the others."""
-    calls, laid_out = [], []
-    original = Loop.run
-    monkeypatch.setattr(Loop, "run", lambda *args: calls.append(args[2:4]) or original(*args))
-    monkeypatch.setattr(
-        "cosim.engine.system_instance.lay_out", lambda *a: laid_out.append(a) or lay_out(*a)
-    )
-    system = drive(fmus / flavour, "pair")
-    ensemble_of(system, {"motor.A": np.linspace(7000.0, 8000.0, 30)}, stop=0.9995, step=H)
-    assert len(laid_out) == 1
-    assert calls[-5:] == [(0, 1000)] * 5
 
 
 @pytest.mark.parametrize("flavour", ["native", "fmi3"])

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim import ALGORITHMS, Adaptive, Result, Series, SetupError, System, run, sweep
-from cosim.cli.main import main
-from cosim.metrics import Largest, Smallest
+from cosim import ALGORITHMS, Adaptive, Result, Series, SetupError, System, run
 
 from .drawn import pack2, pack3
 
@@ -119,33 +117,3 @@ def test_a_change_inside_a_step_that_cannot_be_split_is_refused(
     with pytest.raises(SetupError, match=r"t\.d.*0\.55|0\.55.*t\.d"):
         run(system, stop=1.0, step=0.1)
     assert values(run(system, stop=1.0, step=0.05), "t.e") == {0.0, 1.0}
-
-
-def test_the_command_line_holds_what_is_discrete(tmp_path: Path) -> None:
-    """A change inside a step, a wire, and a column of a measurement."""
-    part, out = packed(tmp_path, 2), tmp_path / "out.csv"
-    data = tmp_path / "data.csv"
-    data.write_text("time,d\n0,0\n0.55,1\n1,1\n")
-    common = ["--stop", "1", "--step", "0.1", "--out", str(out)]
-    wire = ["--wire", "s.y -> t.d", "--set", f"s.switch_at={SWITCH}", "--input-order", "2"]
-    for arguments in (
-        ["run", f"t={part}", "--at", "0.55 t.d=1"],
-        ["run", f"t={part}", "--input", str(data), "--map", "t.d=d", "--held"],
-        ["run", f"s={part}", f"t={part}", *wire],
-    ):
-        out.unlink(missing_ok=True)
-        assert main([*arguments, *common]) == 0
-        head, *rows = out.read_text().splitlines()
-        k = next(n for n, name in enumerate(head.split(",")) if name.startswith("t.e"))
-        assert {float(row.split(",")[k]) for row in rows} == {0.0, 1.0}, arguments
-
-
-def test_members_of_a_sweep_hold_what_is_discrete(tmp_path: Path) -> None:
-    """Their largest and smallest values are those that were set."""
-    parts = {"s": packed(tmp_path, 2), "t": packed(tmp_path, 3)}
-    system = System(parts, ["s.y -> t.d"])
-    table = sweep(
-        system, {"s.switch_at": [0.449, 0.22, 0.5]},
-        {"low": Smallest("t.e"), "high": Largest("t.e")}, stop=1.0, step=0.1, input_order=2,
-    )  # fmt: skip
-    assert [*table["low"]] == [0.0] * 3 and [*table["high"]] == [1.0] * 3

@@ -204,20 +204,6 @@ def test_every_variable_is_in_the_fmu_as_declared(model: Any, fmu: Path) -> None
             assert typed.attrib["start"] == json.dumps(declared.start)
 
 
-@pytest.mark.slow
-def test_another_build_is_the_same_to_the_byte(fmus: Path, tmp_path: Path) -> None:
-    """Native ones of this machine, twice: in `fmus` there may be one for all platforms."""
-    machines = ("crank_conveyor", "gravity_orientator", "linear_system")
-    for folder in ("one", "other"):
-        build(ROOT, "drive_motor", "--flavour", "native", "--into", tmp_path / folder)
-    build(ROOT, *machines, "--flavour", "python", "--into", tmp_path / "one")
-    files = [path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.fmu")]
-    assert len(files) == 4
-    for file in files:
-        same = tmp_path / "other" / file if "native" in file.parts else fmus / file
-        assert (tmp_path / "one" / file).read_bytes() == same.read_bytes()
-
-
 def test_an_unknown_component_is_named_and_ends_with_code_2() -> None:
     message = build(ROOT, "drive_mottor", code=2)
     assert "unknown component 'drive_mottor'; there are DC_motor, crank_conveyor" in message

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -113,15 +112,6 @@ def test_orbits_are_those_of_an_independent_solver() -> None:
         assert_allclose(error, 4.0**k * abs(torque[0] - truth), rtol=0.1)
 
 
-def test_members_do_not_mix() -> None:
-    drive = Runs(Context(FMUS), "strang", 128)
-    lags, nus = np.array([0.05, 0.06]), np.array([30.0, 50.0])
-    both = drive.motions(replace(SETS["A"], T=lags), nus)
-    for k in range(2):
-        alone = drive.motions(replace(SETS["A"], T=lags[k]), nus[[k]])
-        assert (alone.columns["tau2"].steps[:, 0] == both.columns["tau2"].steps[:, k]).all()
-
-
 def test_the_share_that_a_revolution_leaves_is_that_of_the_eigenvalues() -> None:
     rates = abs(orbit(Drive(), 60.0).multipliers)
     assert motions_of(60.0).multipliers[0] == pytest.approx(rates.max(), rel=1e-3)
@@ -171,16 +161,6 @@ def test_an_orbit_that_deviations_leave_is_refused() -> None:
         and np.isnan(turns.values).all()
         and np.isnan(turns.periods).all()
     )
-
-
-def test_return_maps_of_linear_sequences_are_their_matrices() -> None:
-    matrices = np.array([[[0.5, 0.3], [-0.4, 0.6]], [[0.1, 0.7], [0.2, -0.3]]])
-    deviations = np.array(
-        [[np.linalg.matrix_power(m, k) @ [1.0, 0.2] for k in range(4)] for m in matrices]
-    )
-    jacobian, contraction = return_maps(np.diff(deviations + np.array([3.0, -1.0]), axis=1))
-    assert_allclose(jacobian, matrices, rtol=1e-10)
-    assert_allclose(contraction, abs(np.linalg.eigvals(matrices)).max(axis=1))
 
 
 def test_values_between_rows_lie_on_the_polynomial_through_them() -> None:

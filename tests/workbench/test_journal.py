@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
-import signal
-import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,14 +14,12 @@ import pytest
 
 from cosim import SetupError, journal
 from cosim.journal import record
-from scenarios.__main__ import main
 from tests.conftest import ROOT
-from workbench import orbits, study
+from workbench import study
 from workbench.catalog import load_module
 from workbench.question import read
 from workbench.run import answer
 from workbench.runs.runner import Runner
-from workbench.steady import steady_turns
 
 SWEEP = """
 'What do the runs of many types return?'
@@ -174,47 +169,3 @@ def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b'{"form": "ru')  # killed while it began
     with journal.open_outcomes(tmp_path, {}) as rows:
         assert len(rows) == 0
-
-
-#: A command that is killed as soon as so many rows are in its journal.
-KILLED = """
-import os, signal, sys
-from cosim import journal
-from scenarios.__main__ import main
-left, add = int(sys.argv.pop(1)), journal.Journal.add
-def add_and_end(*arguments):
-    global left
-    add(*arguments)
-    left -= 1
-    if left == 0:
-        os.kill(os.getpid(), signal.SIGKILL)
-journal.Journal.add = add_and_end
-sys.exit(main())
-"""
-
-
-def test_orbits_of_a_killed_map_are_not_run_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The same bytes, with another number of threads."""
-    words = ["run", "resonance_map", "--x", "speed=30:60:20", "--y", "motor.T=0.03:0.1:14:log"]
-    words += ["--checks", "1", "--check-runs", "8", "--samples", "64", "--steps-per-rev", "128"]
-    runs: list[int] = []
-
-    def counted(*arguments: Any, **settings: Any) -> Any:
-        runs.append(settings["jobs"])
-        return steady_turns(*arguments, **settings)
-
-    monkeypatch.setattr(orbits, "steady_turns", counted)
-    assert main([*words, "--jobs", "1", "--out", str(tmp_path / "whole")]) == 0
-    whole, out = len(runs), tmp_path / "out"
-    command = [sys.executable, "-c", KILLED, "3", *words, "--out", out]
-    killed = subprocess.run(command, cwd=ROOT, check=False)
-    assert killed.returncode == -signal.SIGKILL
-    runs.clear()
-    assert main([*words, "--jobs", "2", "--out", str(out)]) == 0
-    assert runs == [2] * (whole - 3)
-    assert f"{out}: 3 rows already there\n" in capsys.readouterr().err
-    for file in ("resonance_map.csv", "resonance_map_rows.csv", "resonance_map.json"):
-        assert (out / file).read_bytes() == (tmp_path / "whole" / file).read_bytes()
-    assert not (out / journal.OUTCOMES).exists()

@@ -100,29 +100,6 @@ def test_a_peak_far_from_the_nodes_is_approached() -> None:
     assert abs(x - peak) < error < 1e-3 * zeta
 
 
-def test_peaks_side_by_side_are_those_alone_and_one_without_a_value_says_so() -> None:
-    some = resonances()[:6]
-    centers = np.array([peak + (0.3 + 0.4 * k) * zeta for k, (_, peak, zeta) in enumerate(some)])
-    half = np.array([0.25 * zeta for *_, zeta in some])
-
-    def function(x: Array) -> tuple[Any, Array]:
-        with np.errstate(invalid="ignore"):  # the fourth has no place to look at
-            values = np.stack([smooth(x[:, k]) for k, (smooth, *_) in enumerate(some)], axis=1)
-        values[:, 3] = np.nan
-        return values[None], np.zeros(len(some))
-
-    places, heights = peaks(function, lambda x, y, _: 1.0 / np.abs(y), centers, half)
-    assert [bool(x) for x in places.reasons] == [k == 3 for k in range(6)]
-    for k, (smooth, *_) in enumerate(some):
-        if k != 3:
-            (x, error), (height, _) = search(smooth, centers[k], half[k])
-            assert (
-                places.x[0, k] == pytest.approx(x, rel=1e-7)
-                and abs(places.error[0, k] - error) < 0.1 * error
-            )
-            assert heights.x[0, k] == pytest.approx(height, rel=1e-12)
-
-
 def test_secants_reach_roots_of_both_slopes_within_their_errors_and_give_up_with_reasons() -> None:
     """Roots of x^2 = c from slopes that are off; one that never changes, one below 0, one without a value."""
     squares, asked = np.array([2.0, 3.0, 4.0, 5.0, 6.0]), []
