@@ -11,6 +11,8 @@ from cosim import SetupError, System, diagnose, run, write_container
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
+    CouplingContext,
+    Feedthrough,
     Stage,
     Turn,
 )
@@ -90,6 +92,22 @@ def test_an_implicit_algorithm_of_several_stages_is_refused(
             couple(DRIVE.units, fmus / "LinearSystem.fmu"),
             stop=1.0, step=0.1, algorithm="half iterated",
         )  # fmt: skip
+
+
+def test_outputs_that_show_the_end_of_a_step_keep_the_order_of_the_states() -> None:
+    """On the way back of the splitting, a hears what b shows at the end; b never hears a there."""
+    feedthroughs = [
+        Feedthrough("a.y", "a", frozenset({"b"}), is_wired=False),
+        Feedthrough("b.y", "b", frozenset({"a"}), is_wired=False),
+        Feedthrough("a.z", "a", frozenset({"b", ""}), is_wired=False),
+    ]
+    context = CouplingContext(["a", "b"], feedthroughs)
+    strang = REGISTRY["strang"]
+    assert strang.convergence_order(context) == 2
+    assert strang.first_order_outputs(context) == {"b.y", "a.z"}
+    assert REGISTRY["gauss-seidel"].first_order_outputs(context) == {"a.y", "b.y", "a.z"}
+    moving = CouplingContext(["a", "b"], feedthroughs, input_degree=2, interpolates=True)
+    assert strang.convergence_order(moving) == 3 and strang.first_order_outputs(moving) == set()
 
 
 def test_the_page_of_the_master_lists_the_registry() -> None:

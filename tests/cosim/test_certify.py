@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from cosim import Result, System, certify, limit, run
+from cosim import Adaptive, Result, System, certify, limit, run
+from cosim.accuracy.nested import stored_column
 from cosim.accuracy.trajectories import find_divergence
 from cosim.metrics import (
     Largest,
@@ -284,6 +285,15 @@ def test_a_number_made_after_the_coarser_runs_part_exponentially_holds_or_is_ref
                 worst = max(worst, abs(figure.value - truth[name]) / figure.error)
     assert stated >= 2
     assert worst <= 1.0
+
+
+@pytest.mark.parametrize("step", [1e-3, Adaptive(1e-4)])
+def test_all_rows_are_those_of_each_step(step: Any, native: Path, tmp_path: Path) -> None:
+    """Also where the result keeps others, and the last step is shorter."""
+    settings: dict[str, Any] = {"stop": 0.0502, "step": step, "record": ["motor.tau"]}
+    run(pair(native), output_step=7e-3, all_rows=tmp_path / "rows", **settings)
+    stored = np.column_stack([stored_column(tmp_path / "rows", 2, k) for k in range(2)])
+    np.testing.assert_array_equal(stored, run(pair(native), **settings).data)
 
 
 @pytest.mark.parametrize(

@@ -190,6 +190,25 @@ def test_interpolated_rows_are_of_fourth_order() -> None:
     assert [math.log2(a / b) for a, b in pairwise(errors)] == pytest.approx([4.0] * 2, abs=0.2)
 
 
+@pytest.mark.parametrize("spacing", [0.3e-3, 1e-3, 2.5e-3, 0.01, 0.37])
+def test_rows_of_many_times_at_once_are_those_of_one_after_the_other(
+    spacing: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To the bit, also in pieces, where a break begins between, where a column is held, and where a time comes twice."""
+    t = np.sort(np.append(np.arange(2000) * 1e-3, 0.9))
+    rows = np.column_stack([t, np.sin(20.0 * t), np.where(t < 1.2, t, -t), np.floor(3.0 * t)])
+    rows[901, 1] = 3.0
+    how: dict[str, Any] = {"spacing": spacing, "discrete": [3], "breaks": [(0.5, 0.52)]}
+    at_once = rows_on_grid(rows, **how)
+    pieces = rows_on_grid(rows, [2, 4, 700, 701, 1500], **how)
+    monkeypatch.setattr("cosim.engine.output.WAITING_ROWS", 1)
+    one_by_one = rows_on_grid(rows, range(2, len(rows)), **how)
+    assert_array_equal(at_once, one_by_one)
+    assert_array_equal(at_once, pieces)
+    assert set(t[np.flatnonzero(np.diff(rows[:, 3])) + 1]) <= set(at_once[:, 0])
+    assert at_once[at_once[:, 0] == 0.9, 1].tolist() == [rows[900, 1], 3.0]
+
+
 def test_events_get_separate_rows(fmus: Path) -> None:
     """The stages of the orientator, far faster than the rows asked for."""
     start = {"orientator.w": 6.0, "orientator.release": True}

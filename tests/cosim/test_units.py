@@ -223,6 +223,13 @@ def test_an_angle_may_be_a_base_unit_or_a_number() -> None:
         unit_conversion(Unit("Hz", BaseUnit(s=-1)), common_unit("rad/s"))
 
 
+def test_20_degrees_celsius_are_68_fahrenheit() -> None:
+    celsius = Unit("degC", BaseUnit(K=1, offset=273.15))
+    fahrenheit = Unit("degF", BaseUnit(K=1, factor=5 / 9, offset=273.15 - 32 * 5 / 9))
+    factor, offset = unit_conversion(celsius, fahrenheit)
+    assert factor * 20.0 + offset == pytest.approx(68.0, rel=1e-12)
+
+
 def test_a_table_in_a_unit_is_read_as_the_fmu_defines_it(motor: Make) -> None:
     fmu = motor(defines("rad/s", 's="-1" rad="1" factor="2"'))
     table = Series.of({"t": [0.0, 1.0], "n [rpm]": [30.0, 30.0]})
