@@ -258,26 +258,6 @@ def test_parquet_carries_the_frame(fmus: Path, tmp_path: Path) -> None:
     assert Series.read(tmp_path / "run.csv").units["tau"] == "N.m"
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"step": Adaptive(0.0)}, "tolerance = 0.0 must be above 0"),
-        ({"step": Adaptive(1.0, first=0.0)}, "first = 0.0 must be above 0"),
-        ({"step": Adaptive(1.0, control="guess")}, "control 'guess' must be doubling or energy"),
-        ({"step": Adaptive(1.0, absolute={"motor.P": 1.0})}, "absolute tolerance of motor.P"),
-        ({"step": 1e-3, "substeps": {"pump": 2}}, "there is no part 'pump'"),
-        ({"step": 1e-3, "output_step": math.inf}, "output_step = inf s must be a finite number"),
-        ({"step": 0.0}, "step = 0.0 s must be above 0"),
-        ({"step": math.nan}, "step = nan s must be a finite number"),
-        ({"step": 1e-3, "stop": -1.0}, "stop = -1.0 s must be after start = 0.0 s"),
-        ({"step": 1e-3, "algorithm": "euler"}, "'euler' must be one of jacobi, gauss-seidel, str"),
-    ],
-)
-def test_bad_settings_are_refused(fmus: Path, settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(SetupError, match=message):
-        from_rest(fmus, **settings)
-
-
 def test_native_fmus_follow_polynomials(fmus: Path) -> None:
     """Derivatives up to order 6 over one long step, against an independent solver."""
     rates = [3.0, -40.0, 500.0, -2e4, 3e5, -4e6]
