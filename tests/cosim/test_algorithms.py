@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim import SetupError, System, diagnose, run, write_container
+from cosim import SetupError, diagnose, run
 from cosim.engine.algorithms import (
     REGISTRY,
     Algorithm,
@@ -74,13 +74,6 @@ def test_an_unknown_algorithm_is_refused(fmus: Path) -> None:
     ):
         with pytest.raises(SetupError, match="'my-own' must be one of jacobi, gauss-seidel"):
             use()
-
-
-@pytest.mark.parametrize("name", ["strang", "iterated", "my-own"])
-def test_a_container_refuses_what_it_cannot_step(fmus: Path, tmp_path: Path, name: str) -> None:
-    system = System({"motor": fmus / "DriveMotor.fmu", "conveyor": fmus / "CrankConveyor.fmu"})
-    with pytest.raises(SetupError, match=f"'{name}' must be one of jacobi, gauss-seidel$"):
-        write_container(system, tmp_path / "out.fmu", step=0.1, algorithm=name)
 
 
 def test_an_implicit_algorithm_of_several_stages_is_refused(

@@ -23,6 +23,7 @@ from fmpy import platform_tuple
 from cosim import (
     ALGORITHMS,
     Adaptive,
+    Interrupted,
     SetupError,
     SimulationError,
     System,
@@ -30,6 +31,7 @@ from cosim import (
     run_isolated,
 )
 from cosim.fmu.library import LOADED
+from cosim.isolated import _error_with_rows
 from cosim.scratch import MARK, _folder_of
 from tests.conftest import DESCRIPTION, ROOT, described, restore_ctrl_c, rewritten
 from tests.cosim.foreign import BINARY, Value, library, pack
@@ -818,6 +820,17 @@ def test_errors_of_an_isolated_run_are_those_of_a_run(make: Make, tmp_path: Path
         run_isolated(broken, csv=path, stop=1.0, step=H)
     assert len(caught.value.result.data) == 6
     assert caught.value.result.provenance["status"] == "failed"
+
+
+def test_a_row_that_was_being_written_is_removed(tmp_path: Path) -> None:
+    path = tmp_path / "run.partial.csv"
+    path.write_text("time,A.y\n0.0,1.0\n0.5,2.0\n1.")
+    path.with_suffix(".json").write_text('{"status": "running", "start": 0.0, "units": {}}')
+    error = _error_with_rows(path, "killed", ["A: hot"], pressed=True)
+    assert str(error) == "killed after t = 0.5 s, 2 rows in run.partial.csv"
+    assert isinstance(error, Interrupted)
+    assert error.result.warnings == ["A: hot"]
+    assert error.result.data.tolist() == [[0.0, 1.0], [0.5, 2.0]]
 
 
 def test_rows_reach_their_file_while_a_run_goes_on(

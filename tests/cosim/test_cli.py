@@ -15,8 +15,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from cosim import System, certify, run, write_ssp
-from cosim.cli.main import COMMANDS, main
-from cosim.cli.options import OPTIONS, Parser
+from cosim.cli.main import main
 from scenarios.conveyor.first_order import SETS
 from tests.conftest import ROOT, described, rewritten
 from tests.cosim.conftest import CommandOutput
@@ -96,17 +95,6 @@ def test_the_errors_of_certify_are_those_of_three_different_runs(
         assert figure.error is not None and figure.error > 1e-6
         (line,) = [line for line in text.splitlines() if f"{name} " in line]
         assert str(figure) in line
-
-
-def test_figures_of_names_with_commas_keep_their_units(
-    fmus: Path, command_output: CommandOutput
-) -> None:
-    record = "LinearSystem.A[2,1],LinearSystem.x[1]"
-    options = ("--stop", 0.1, "--certify", "--record", record)
-    lines = command_output("run", fmus / "LinearSystem.fmu", *options).splitlines()
-    (rate,) = [line for line in lines if "LinearSystem.A[2,1] at the end" in line]
-    assert rate.split()[-4:] == ["+-", "0.00000001", "order", "2.0"]
-    assert any("LinearSystem.x[1], largest" in line for line in lines)
 
 
 def test_held_angles_are_warned_of(
@@ -198,20 +186,6 @@ def test_help_imports_nothing_that_only_a_command_needs() -> None:
         [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
     )
     assert done.stdout.strip() == "[]"
-
-
-def test_an_option_means_the_same_in_every_command() -> None:
-    """Its kind of value and where it is kept, whatever it is of; the table has no option that no command takes."""
-    meanings: dict[str, set[tuple[str, Any, Any]]] = {}
-    for command in COMMANDS.values():
-        options = Parser()
-        command.add_options(options)
-        for action in options._actions:
-            for name in action.option_strings[:1]:
-                kind = (str(action.type), action.metavar, action.dest)
-                meanings.setdefault(name, set()).add(kind)
-    assert not {name: kinds for name, kinds in meanings.items() if len(kinds) > 1}
-    assert meanings.keys() - {"-h"} == OPTIONS.keys()
 
 
 def test_a_former_name_of_an_option_is_told(fmus: Path, capsys: pytest.CaptureFixture[str]) -> None:

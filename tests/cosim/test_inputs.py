@@ -213,14 +213,6 @@ def test_discrete_inputs_are_held_to_their_next_row(
         assert times == pytest.approx([0.4, 0.7])
 
 
-def test_an_input_changes_at_a_time_too(tmp_path: Path) -> None:
-    """x' = -x + u from 1, u = 0, from 0.5 s 2; half a step late would be seen."""
-    system = echo(tmp_path, changes=["0.5 A.u=2"])
-    result = run(system, stop=1.0, step=0.1, record=["A.y"])
-    exact = 2.0 + (math.exp(-0.5) - 2.0) * math.exp(-0.5)
-    assert result["A.y"][-1] == pytest.approx(exact, rel=1e-12)
-
-
 @pytest.mark.parametrize("capable", [True, False])
 def test_inputs_feed_a_loop_of_parts(capable: bool, tmp_path: Path) -> None:
     """a' = -a + b, b' = -b + u with u = t: the exact solution in closed form."""

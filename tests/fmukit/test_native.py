@@ -24,8 +24,6 @@ from components import MACHINES
 from fmukit.declare.interface import Interface, class_name, component_name
 from fmukit.declare.model import complete_model
 from fmukit.fmu.native import package
-from fmukit.trace import tracer as trace
-from fmukit.trace.graph import TraceContext, active
 from tests.conftest import ROOT, TRIED
 from tests.hosts.host import MESSAGES, Equations, Unit
 
@@ -566,15 +564,3 @@ def test_an_importing_tool_can_compile_the_sources(fmus: Path, tmp_path: Path) -
             archive.write(file, file.relative_to(folder))
     scenario: Any = ({"rod.finite": True}, TORQUE, 1e-3, 1000)
     assert rows(Unit(again), *scenario) == rows(Unit(fmu), *scenario)
-
-
-@pytest.mark.parametrize(
-    ("run", "what"),
-    [
-        (lambda x: [1, 2][x], "used as a key, an index or a choice"),
-        (lambda x: f"{x:.3f}", "the format '.3f'"),
-    ],
-)
-def test_what_cannot_be_expressed_in_c_is_refused(run: Any, what: str) -> None:
-    with pytest.raises(TypeError, match=what), active(TraceContext()):
-        trace.trace_function("f", run, {"x": "number"})
