@@ -64,6 +64,13 @@ def test_the_error_of_what_is_largest_at_a_jump_holds(
         assert got["power"].error < 1e-9 * got["power"].value
 
 
+def test_the_reference_solution_has_both_rows_of_a_jump(switched: System) -> None:
+    exact = oracle(switched, stop=1.0, output_step=0.01)
+    before, after = _rows_at(exact, 0.503, "motor.P")
+    assert before == 0.0 and after == exact["motor.P"].max() > 7.9e4
+    assert exact.breaks.tolist() == [[0.503, 0.503]]
+
+
 def test_an_input_that_jumps_inside_a_fixed_step_makes_a_break(switched: System) -> None:
     """The step gets the mean, so that rows are as before; what outputs show at its end is made of the mean."""
     result = run(switched, stop=1.0, step=0.01)
