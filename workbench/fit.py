@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -273,6 +273,13 @@ def fitted_figures(fit: Identified) -> dict[str, Figure]:
             correlated = listed([member for member in group if member != name])
             meanings[name] += f"; the record cannot tell it apart from {correlated}"
     return {figure_name(name): figure_of(x, meanings[name]) for name, x in fit.values.items()}
+
+
+def fitted_system(fit: Identified, values: Mapping[str, float]) -> System:
+    """The system of a fit with these of its values, but for those of sensors."""
+    mine = {name: x for name, x in values.items() if "(" not in name}
+    system = fit.problem.system
+    return replace(system, start={**system.start, **mine})
 
 
 def tables(fit: Identified, advice: Sequence[Advice], name: str, unit: str) -> dict[str, Table]:

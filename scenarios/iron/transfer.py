@@ -23,6 +23,7 @@ from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.model import FORCE, LIFT, POWER, SPEED, TORQUE
 from workbench.figure import figure_of_columns
+from workbench.study.charts import curves_over
 
 from . import machine as iron
 
@@ -112,11 +113,7 @@ class TransferFunctions:
 
     def charts(self) -> list[Chart]:
         """Return the functions over the cam angle, and which dimensions move the iron, the largest first."""
-        rows, panels = dict(zip(FUNCTIONS, self.values)), []
-        for group, names in GROUPS.items():
-            lines = [Curve(text, self.phi, rows[name], color) for name in names
-                     for text, color in [FUNCTIONS[name]]]  # fmt: skip
-            panels.append(Panel(group, self.units[names[0]], lines))
+        panels = {x: {name: FUNCTIONS[name] for name in names} for x, names in GROUPS.items()}
         by_size = ranked(self.shares, RANKING_FUNCTION)
         labels = [DIMENSIONS[x.dimension] for x in by_size]
         changes, errors = zip(*((x.change, x.error) for x in by_size))
@@ -125,7 +122,9 @@ class TransferFunctions:
         over = "What a radian of the cam moves, and the terms of A_1 eps + B_1 w^2 = M + C_1"
         by = "What the iron's motion changes by for 1 % of a dimension"
         return [
-            Chart(over, "cam angle [deg]", panels, spans=spans),
+            curves_over(
+                self.tables()[TABLE], "phi", panels, over, x="cam angle [deg]", spans=spans
+            ),
             Chart(by, "dimension", [Panel("largest change of H'", "%", [bars], includes=(0.0,))]),
         ]
 

@@ -43,6 +43,7 @@ from workbench.fit import (
     RecordOptions,
     figure_of,
     fitted_charts,
+    fitted_system,
     further_records,
     misfit,
     next_record,
@@ -143,7 +144,7 @@ class IronIdentify(Question, RecordOptions):
         charts = fitted_charts(r.fit, styles)
         if not r.fit.misfit:
             charts.insert(0, slow_torque_chart(r.fit))
-        machine, result = drive(r.fit, r.fit.start_values), r.fit.result
+        machine, result = fitted_system(r.fit, r.fit.start_values), r.fit.result
         last = float(result["time"][0]) + 2 * math.pi / mean_cam_speed(r.fit)
         moving = motion.live_motion("A turn of the fitted drive", result, machine, 4.0)
         return Show(charts, [moved(moving, result, last=last)])
@@ -170,15 +171,6 @@ def nearest_drive(o: IronIdentify, fmus: Mapping[str, Path], speed: cosim.Series
     return replace(system, start={**fixed, "iron.phi": phi, "iron.w_cam": first})
 
 
-def drive(fit: Identified, values: Mapping[str, float]) -> System:
-    """The drive with these values."""
-    system = fit.problem.system
-    mine = {
-        name: x for name, x in values.items() if name in (*FREE, *fit.names) and "(" not in name
-    }
-    return replace(system, start={**system.start, **mine})
-
-
 def friction(v: Mapping[str, float]) -> float:
     """Return the guide friction over the pull of the chain."""
     up, down = 1 + v["iron.friction.K_up"], 1 + v["iron.friction.K_down"]
@@ -192,14 +184,14 @@ def slow_turns(fit: Identified) -> Callable[[Mapping[str, float]], Result]:
     def turn(start: tuple[tuple[str, Value], ...]) -> Result:
         return iron.turn(replace(fit.problem.system, start=dict(start)), 1.0, SAMPLES)
 
-    return lambda v: turn(tuple(drive(fit, v).start.items()))
+    return lambda v: turn(tuple(fitted_system(fit, v).start.items()))
 
 
 def figures(fit: Identified) -> dict[str, Figure]:
     """Friction, what it takes, the speed where the follower lifts off, and how far the record is from it."""
 
     def lift_off(v: Mapping[str, float]) -> Figure:
-        return iron.limits(drive(fit, v))["follower_limit"]
+        return iron.limits(fitted_system(fit, v))["follower_limit"]
 
     mean, turn = mean_cam_speed(fit), slow_turns(fit)
     limit = figure_of(fit.interval(lambda v: lift_off(v).value, "rad/s"))

@@ -120,7 +120,7 @@ class IronStart(Question, RunOptions):
     def judgements(self, f: Mapping[str, Figure], r: Data) -> list[Judgement]:
         """How the cam starts, how it goes on, and the ledger."""
         turns, peak = f["turns"], f"after {f['w_cam_max_time'].brief()}"
-        if still_rises(r[0]):
+        if f["w_cam_max_time"].value == r[0]["time"][-1]:
             peak = f"at {self.stop:g} s, the end of the run; it still gets faster"
         why = ""
         if stands(r[0]["time"], r[0]["iron.phi"]):
@@ -215,12 +215,6 @@ def slow_torque(system: System) -> Figure:
     still, _ = turns.parts("iron.tau_cam")
     unit, meaning = turns.slow.units["iron.tau_cam"], "largest torque at the cam in a slow turn"
     return figure_of_columns(largest, turns.slow["iron.phi"], still, unit=unit, meaning=meaning)
-
-
-def still_rises(r: Result) -> bool:
-    """Whether the largest speed of a run is that of its end, and so no peak."""
-    w = r["iron.w_cam"]
-    return int(np.argmax(w)) == len(w) - 1
 
 
 def stands(t: Array, phi: Array) -> bool:

@@ -38,6 +38,7 @@ from workbench.fit import (
     RecordFit,
     RecordOptions,
     figure_name,
+    fitted_system,
     misfit,
     next_record,
     noise,
@@ -197,9 +198,7 @@ def nearest(system: System, data: Mapping[str, Series]) -> System:
 
 def fitted_machine(fit: Identified) -> System:
     """Return the machine with the values found, without its products."""
-    mine = {name: x for name, x in fit.start_values.items() if "(" not in name}
-    system = fit.problem.system
-    return replace(system, start={**system.start, **mine}, inputs={})
+    return replace(fitted_system(fit, fit.start_values), inputs={})
 
 
 def fastest_rotor(fit: Identified) -> Figure:
