@@ -38,9 +38,10 @@ LOWEST_ORDER = 0.5
 ACCIDENTAL_EXCESS = 1.5
 #: Largest error of a number without an order, as a share of it: a number without one digit is none.
 ACCIDENTAL_SHARE = 0.15
-#: Factor on the data range of runs that come closer to each other from both sides: half of Eca and Hoekstra's, who use
-#: theirs for runs that do not come closer; those are refused here.
-ALTERNATING_FACTOR = 1.5
+#: Factor on the data range of runs that come closer to each other from both sides. Derived: that of two terms of opposite
+#: signs, of the orders 1 and 2 and a ratio of 2, is up to 2; of higher orders it is less. Eca and Hoekstra's 3 is for runs
+#: that do not come closer; those are refused here.
+ALTERNATING_FACTOR = 2.0
 #: Spread of values in no order, as a share of the value or the scale, up to which three times it is an error (Eca and
 #: Hoekstra): three digits are left. Of 6 636 figures of benchmarks/certify.py, with an earlier rule for
 #: chaos, half of it refuses 6 more, twice of it 3 fewer, and none of it 47 more; 19, 18, 19 and with it 18 are outside
@@ -147,10 +148,10 @@ def limit(
     -------
     Limit
         The first of these that is so gives the error: values that are the same have their rounding; without the
-        coarsest run it is 3 d / (r^p - 1); of values that come closer from both sides 1.5 D, where they are not regular
+        coarsest run it is 3 d / (r^p - 1); of values that come closer from both sides 2 D, where they are not regular
         3 D, if that is at most 0.15 of them; of monotonic values whose differences fall with the order q it is
         F max(d, D / r^p) / (r^s - 1), with F = 1.25 and s = p where q is within a tenth of p, else F = 3 and s = q
-        between 0.5 and p; if q is so high that it is an accident, that or 1.5 D, if it is at most 0.15 of them. Values
+        between 0.5 and p; if q is so high that it is an accident, that or 2 D, if it is at most 0.15 of them. Values
         in no order that do not grow have their spread if that is their noise, and three times it if they agree to 1e-3
         of the value or the scale. Others have no error.
 

@@ -38,6 +38,12 @@ def test_terms_that_cancel_in_the_order_observed_are_within_the_extrapolated_err
     assert abs(got.extrapolated) <= got.extrapolated_error < 0.1
 
 
+@pytest.mark.parametrize("share", [3.1, 4.0, 4.8, 4.99])
+def test_two_terms_of_opposite_signs_that_alternate_are_within_the_error(share: float) -> None:
+    got = limit([1e3 + share * h - h**2 for h in (1.0, 2.0, 4.0)], 1)
+    assert abs(got.value - 1e3) <= got.error and got.reason == Reason.STATED
+
+
 @pytest.mark.parametrize("ratio", [2.0, 3.0, 10.0])
 @pytest.mark.parametrize(
     ("order", "power", "factor"),
