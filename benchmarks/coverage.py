@@ -14,7 +14,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import statistics
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -23,6 +22,7 @@ from textwrap import shorten
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 #: Trials that are listed with how to ask for them again: a convention, which limits the output.
 LISTED = 10
@@ -63,10 +63,10 @@ class Stated(NamedTuple):
         return math.inf if off else 0.0
 
     def relative_width(self) -> float:
-        """Half of the interval over the truth."""
-        assert self.low is not None
-        assert self.high is not None
-        return abs((self.high - self.low) / 2 / self.truth) if self.truth else math.nan
+        """Half of the interval over the truth, nan without one of both."""
+        if not self.truth or self.low is None or self.high is None:
+            return math.nan
+        return abs((self.high - self.low) / 2 / self.truth)
 
 
 class Trial(NamedTuple):
@@ -114,59 +114,60 @@ def line(trial: Trial) -> str:
     return f"{trial.kind} {trial.seed}: {'; '.join(pieces)}"
 
 
-def row(kind: str, name: str, trials: Sequence[Trial]) -> list[str]:
-    """The counts of a figure of a kind."""
-    figures = [(trial, trial.figures[name]) for trial in trials if name in trial.figures]
-    existing = [(trial, figure) for trial, figure in figures if figure.truth is not None]
-    ratios = [(t, f, r) for t, f in existing if (r := f.error_ratio()) is not None]
-    missed = [(t, r) for t, _, r in ratios if r > 1.0]
-    invented = sum(f.truth is None and f.value is not None for _, f in figures)
-    widths = [f.relative_width() for _, f, _ in ratios]
-    seconds = [trial.seconds for trial in trials if not math.isnan(trial.seconds)]
-    counts = (len(missed), sum(r > FAR for _, r in missed), sum(bool(t.words) for t, _ in missed))
-    return [
-        kind, name, str(len(existing)), _percent(len(ratios) - len(missed), len(ratios)), *map(str, counts),
-        f"{max((r for *_, r in ratios), default=math.nan):.2g}", str(len(existing) - len(ratios)), str(invented),
-        f"{statistics.median(widths) if widths else math.nan:.2g}",
-        f"{statistics.median(seconds) if seconds else math.nan:.2g} s",
-    ]  # fmt: skip
-
-
-def _percent(part: int, total: int) -> str:
-    return f"{100 * part / total:.1f} %" if total else "-"
+def frame_of(trials: Sequence[Trial]) -> pd.DataFrame:
+    """Every figure of every trial in a row; the ratio of its error is nan where nothing is stated."""
+    rows = [
+        (t, t.kind, name, f, f.truth is not None, f.error_ratio(), f.relative_width(), t.seconds)
+        for t in trials
+        for name, f in t.figures.items()
+    ]
+    x = pd.DataFrame(rows, columns="trial kind figure stated exist ratio width seconds".split())
+    x["ratio"] = x["ratio"].astype(float)
+    x["within"], x["missed"] = x["exist"] & (x["ratio"] <= 1.0), x["exist"] & (x["ratio"] > 1.0)
+    x["far"] = x["missed"] & (x["ratio"] > FAR)
+    x["told"] = x["missed"] & np.array([bool(t.words) for t in x["trial"]], bool)
+    x["refused"], x["invented"] = x["exist"] & x["ratio"].isna(), ~x["exist"] & x["ratio"].notna()
+    return x
 
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:
     """The counts of each kind and figure, as a table of Markdown."""
     yield f"| {' | '.join(HEADINGS)} |"
     yield "|---" * len(HEADINGS) + "|"
-    for kind in dict.fromkeys(trial.kind for trial in trials):
-        mine = [trial for trial in trials if trial.kind == kind]
-        for name in dict.fromkeys(name for trial in mine for name in trial.figures):
-            yield f"| {' | '.join(row(kind, name, mine))} |"
+    for names, x in frame_of(trials).groupby(["kind", "figure"], sort=False):
+        n, known = x.sum(numeric_only=True), x[x["exist"]]
+        share = f"{n['within'] / (n['within'] + n['missed']):.1%}" if known["ratio"].any() else "-"
+        counts = [f"{n[name]:.0f}" for name in ("missed", "far", "told")]
+        medians = known["width"].median(), x["seconds"].median()
+        cells = [
+            *names, f"{n['exist']:.0f}", share.replace("%", " %"), *counts, f"{known['ratio'].max():.2g}",
+            f"{n['refused']:.0f}", f"{n['invented']:.0f}", f"{medians[0]:.2g}", f"{medians[1]:.2g} s",
+        ]  # fmt: skip
+        yield f"| {' | '.join(cells)} |"
 
 
 def complaints(trials: Sequence[Trial], demands: Mapping[str, Demand]) -> Iterator[str]:
     """What the demands leave to complain of."""
+    sums = frame_of(trials).groupby("kind").sum(numeric_only=True)
     for kind, demand in demands.items():
-        figures = [f for trial in trials if trial.kind == kind for f in trial.figures.values()]
-        ratios = [r for f in figures if f.truth is not None and (r := f.error_ratio()) is not None]
-        existing = sum(f.truth is not None for f in figures)
-        if any(f.truth is None and f.value is not None for f in figures):
+        if kind not in sums.index:
+            continue
+        n = sums.loc[kind]
+        if n["invented"]:
             yield f"{kind}: a figure is stated where there is none"
-        if sum(r <= 1.0 for r in ratios) < demand.within * len(ratios):
+        if n["within"] < demand.within * (n["within"] + n["missed"]):
             yield f"{kind}: fewer than {demand.within:.1%} of the intervals hold the truth"
-        if existing - len(ratios) > demand.refused * existing:
+        if n["refused"] > demand.refused * n["exist"]:
             yield f"{kind}: more than {demand.refused:.1%} are refused"
 
 
 def worst(trials: Sequence[Trial]) -> Iterator[str]:
     """The trials furthest outside what is stated, and how to ask for them again."""
-    ratios = [(f.error_ratio() or 0.0, n, f, t) for t in trials for n, f in t.figures.items()]
-    for ratio, name, f, trial in sorted(ratios, key=lambda entry: -entry[0])[:LISTED]:
-        if ratio > 1.0 and f.value is not None:
-            stated = f"{f.value:.9g} in {f.low:.9g} to {f.high:.9g}"
-            yield f"{trial.kind} {trial.seed}: {name} = {stated}, true: {f.truth}\n    {trial.case}"
+    x = frame_of(trials)
+    for _, at in x[x["ratio"] > 1.0].sort_values("ratio", ascending=False)[:LISTED].iterrows():
+        f, trial = at["stated"], at["trial"]
+        stated = f"{f.value:.9g} in {f.low:.9g} to {f.high:.9g}"
+        yield f"{trial.kind} {trial.seed}: {at['figure']} = {stated}, true: {f.truth}\n    {trial.case}"
 
 
 def kept(path: Path | None) -> list[Trial]:
