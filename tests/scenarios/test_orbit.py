@@ -327,6 +327,15 @@ def test_an_inverter_is_told_and_the_parameters_are_those_at_the_operating_speed
     assert "supply" not in plain.verdict
 
 
+def test_a_speed_whose_rod_force_has_no_error_matters_where_it_may_be_the_largest() -> None:
+    """Around the sharp resonance of this drive the errors of the smaller forces are not known."""
+    drive = Drive(B=26.57, T=0.7192, J=0.01097, r=0.02606, m=3.918, d=0.1768, c=3488.0)
+    speeds = np.linspace(17.8, 39.1, 29)
+    answer = ask("resonance", start=drive.start, speeds="17.8:39.1:29", speed=39.1)
+    assert not np.isfinite(answer.tables["resonance.csv"].columns["f_rod_peak_error"]).all()
+    assert held(answer.figures["f_rod_peak"], f_rod_peak(drive, speeds)) <= 1.0
+
+
 def test_an_orbit_that_is_found_and_not_held_is_told_as_that() -> None:
     """A motor whose lag is thirty times that of its plate does not hold the crank above the resonance."""
     plate = "5.5 kW, 1440 rpm, 50 Hz, 4 poles, 2.8, 3.43:1, 0.02 kg.m2"
