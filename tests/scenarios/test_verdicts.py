@@ -165,7 +165,8 @@ def test_a_load_of_exactly_nothing_is_answered() -> None:
     """Without resistance the spring carries the trough at sqrt(c / m) = 60 rad/s."""
     start = {"conveyor.trough.d": 0.0}
     answer = ask("resonance", speeds="30:60:7", speed=60.0, start=start)
-    assert answer.figures["tau2_operating"].value == 0.0
+    ripple = answer.figures["tau2_operating"]
+    assert abs(ripple.value) <= ripple.known_error < 1e-9
     assert answers(answer) == ("no", "yes")
     assert "the load ripple is almost zero at 60 rad/s" in answer.figures["lag_operating"].reason
     assert answer.figures["nu_90"].value == pytest.approx(40.0, rel=1e-3)
