@@ -121,7 +121,9 @@ def frame_of(trials: Sequence[Trial]) -> pd.DataFrame:
         for t in trials
         for name, f in t.figures.items()
     ]
-    x = pd.DataFrame(rows, columns="trial kind figure stated exist ratio width seconds".split())
+    x = pd.DataFrame(
+        rows, columns=["trial", "kind", "figure", "stated", "exist", "ratio", "width", "seconds"]
+    )
     x["ratio"] = x["ratio"].astype(float)
     x["within"], x["missed"] = x["exist"] & (x["ratio"] <= 1.0), x["exist"] & (x["ratio"] > 1.0)
     x["far"] = x["missed"] & (x["ratio"] > FAR)

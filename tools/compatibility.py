@@ -89,19 +89,10 @@ def write_example(fmu: Path, folder: Path) -> str:
             pd.DataFrame(columns, dtype=float).to_csv(
                 folder / f"{name}_{kind}.csv", index=False, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n"
             )  # fmt: skip
-    options = {
-        "StartTime": time[0],
-        "StopTime": time[-1],
-        "StepSize": step,
-        "RelTol": ALLOWED,
-        "OutputIntervalLength": step,
-    }
-    text = "".join(f"{key}, {float(value)!r}\n" for key, value in options.items())
-    (folder / f"{name}_ref.opt").write_text(text, encoding="utf-8")
-    sides = {"co-simulation": about.coSimulation, "model exchange": about.modelExchange}
-    kinds = [kind for kind, side in sides.items() if side]
+    options = f"StartTime, {time[0]}\nStopTime, {time[-1]}\nStepSize, {step}\nRelTol, {ALLOWED}\nOutputIntervalLength, {step}\n"
+    (folder / f"{name}_ref.opt").write_text(options, encoding="utf-8")
     (folder / "Readme.txt").write_text(
-        f"{name}: {about.description}.\n\nFMI {about.fmiVersion}, {' and '.join(kinds)}, with its default experiment and constant inputs. "
+        f"{name}: {about.description}.\n\nFMI {about.fmiVersion}, with its default experiment and constant inputs. "
         f"Validated and simulated with FMPy {fmpy_version}.\n",
         encoding="utf-8",
     )

@@ -210,7 +210,7 @@ class SpeedSweep:
         force = self.motions.columns["f_rod_peak"]
         apart, best = UNCONFIRMED_FACTOR * np.ptp(force.steps, axis=0), force.value.max()
         is_known = np.isfinite(force.error) | (force.value + apart < best)
-        reach = np.max(force.value + force.error, initial=best, where=np.isfinite(force.error))
+        reach = np.fmax.reduce(force.value + force.error)
         why = self.no_orbit(list(self.problems())[:1])
         error = float(reach - best) if is_known.all() else math.nan
         return orbit_figure(float(best), error, "N", "largest rod force of the sweep", why)
