@@ -113,17 +113,17 @@ class Context:
         derive : callable, optional
             Gives results further columns, as in `cosim.certify`.
         """
-        if o.step > o.stop / MIN_STEPS:
-            raise SetupError(
-                f"step = {o.step:g} s must be at most {o.stop / MIN_STEPS:g} s, a {MIN_STEPS}th of stop = "
-                f"{o.stop:g} s: three runs with up to four times the step give the errors"
-            )
         if not self.certifies:
             result = cosim.run(
                 system, stop=o.stop, step=o.step, algorithm=o.algorithm, record=record
             )
             result = derive(result) if derive else result
             return result, dict(_figures_of_run(numbers, result))
+        if o.step > o.stop / MIN_STEPS:
+            raise SetupError(
+                f"step = {o.step:g} s must be at most {o.stop / MIN_STEPS:g} s, a {MIN_STEPS}th of stop = "
+                f"{o.stop:g} s: three runs with up to four times the step give the errors"
+            )
         made: dict[str, Figure] = {}
 
         def of_result(

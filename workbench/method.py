@@ -12,13 +12,12 @@ from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-import cosim
 from cosim import Result, SetupError, System
 from cosim.metrics import Metric
 from cosim.system import connect
 
 from .answer import Findings, Table, parameters
-from .context import captured_log_warnings, metric_of
+from .context import captured_log_warnings
 from .dimensions import check_unit, conversion, known_units
 from .figure import ROUNDING, Figure, NamedFigures, checked_figures, figure_of_figures, scaled
 from .formula import DOTTED, Formula, with_formulas
@@ -62,23 +61,22 @@ def run_with_refinements(
     derive: Any,
 ) -> tuple[Result, dict[str, Figure]]:
     """Return a plain run, and metrics of it; the errors are those that finer runs show, if they are wanted."""
-    runs = []
+    runs, plain = [], replace(context, certifies=False)
     for changes in ({}, *(o.method.finer if context.certifies else ())):
         new = {name: Formula.read(text)(values) for name, text in changes.items()}
         start = {name: new.pop(name) for name in changes if "." in name}
         options = {name: type(getattr(o, name))(x) for name, x in new.items()}
         other = replace(o, start={**o.start, **start}, **options)
-        how = other.run_options()
         with captured_log_warnings() if changes else nullcontext():
-            run = cosim.run(other.system(context.fmus), stop=how.stop, step=how.step)
-        runs.append(derive(run))
+            system = other.system(context.fmus)
+            runs.append(plain.certify(system, metrics, other.run_options(), None, derive=derive))
+    (result, first), *others = runs
     figures = {}
-    for name, metric in metrics.items():
-        value, *others = [metric_of(run, metric) for run in runs]
-        error = ROUNDING * abs(value) + 2 * sum(abs(value - x) for x in others)
-        unit = metric.unit(runs[0].units[metric.columns[0]])
-        figures[name] = Figure(value, unit or "1", error)
-    return runs[0], figures
+    for name, x in first.items():
+        change = sum(abs(x.value - of_run[name].value) for _, of_run in others)
+        error = ROUNDING * abs(x.value) + 2 * change
+        figures[name] = x if x.error is None else x._replace(error=error)
+    return result, figures
 
 
 def answer(o: Any, context: Context) -> Findings:

@@ -19,6 +19,8 @@ from workbench import Chart, Context, Curve, Figure, Judgement, Panel, Table
 from workbench.answer import parameters
 from workbench.charts.motion import Motion
 from workbench.figure import figure_of_figures, scaled
+from workbench.orbits import orbit_figure
+from workbench.plan import extreme
 
 from .limit_formula import OrientatorParameters, rpm_of_squared
 from .products import RPM, fastest, pair, simulated_limit
@@ -211,10 +213,8 @@ def gain_name(dimension: str) -> str:
 
 def largest_of(values: Any, errors: Any, meaning: str) -> Figure:
     """The largest of these values; its error is how much each of them might be further out, or its own."""
-    if values.isna().all():
-        return Figure.undetermined("%", "no limit was found", meaning)
-    own, beyond = errors[values.idxmax()], (values + errors).max() - values.max()
-    return Figure(float(values.max()), "%", float(max(own, beyond)), meaning)
+    largest = extreme(values.to_numpy(), errors.to_numpy())
+    return orbit_figure(*largest, "%", meaning, "no limit was found")
 
 
 def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, Figure | None]:
