@@ -33,7 +33,7 @@ from tests.scenarios.orbit_oracle import NAMES, NoOrbitError, orbit, random_driv
 from workbench import Context, Slider
 from workbench.answer import option_values, parameters
 from workbench.context import captured_log_warnings
-from workbench.find import solve_each
+from workbench.orbits import solve_each
 from workbench.remedies import Remedy, Search, search_for
 
 #: The page that this backs, and its heading.

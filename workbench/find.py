@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.optimize.elementwise import find_root
 
-from cosim import CONVERGENCE_ORDERS, SetupError, SimulationError
+from cosim import CONVERGENCE_ORDERS, SetupError
 from cosim.units import read_quantity
 
 from .answer import Findings
@@ -37,6 +37,7 @@ from .orbits import (
     at_zero_step,
     figure_of,
     measured,
+    solve_each,
 )
 from .question import Question
 from .roots import peaks, secant
@@ -510,26 +511,6 @@ def _peaks(
                 pair.append(figure_of(at_zero_step(value, order, error), (), *text, why))
         figures.append((pair[0], pair[1]))
     return figures
-
-
-def solve_each(context: Context, asked: Sequence[Question]) -> list[Findings | SetupError]:
-    """Return what each of several questions of one class finds, or why it is refused or its run ends early.
-
-    So many are solved at a time as the class says, in halves where one of them fails.
-    """
-    found: list[Findings | SetupError] = []
-    number = type(asked[0]).at_once if asked else 1
-    for k in range(0, len(asked), number):
-        some = asked[k : k + number]
-        try:
-            found += type(some[0]).solve_all(context, some)
-        except (ValueError, ArithmeticError, LookupError, SimulationError) as error:
-            half = len(some) // 2
-            halves = (some[:half], some[half:]) if half else ()
-            found += [x for part in halves for x in solve_each(context, part)] or [
-                SetupError(str(error))
-            ]
-    return found
 
 
 def _ask(context: Context, points: Sequence[tuple[LineSearch, float]]) -> Motions:

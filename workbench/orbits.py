@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim import CONVERGENCE_ORDERS, SetupError, System
+from cosim import CONVERGENCE_ORDERS, SetupError, SimulationError, System
 from cosim.accuracy.limit import Limit, Reason, limit
 from cosim.system import connect
 
@@ -416,12 +416,32 @@ class Orbit:
         )  # fmt: skip
 
 
+def solve_each(context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
+    """Return what each of several questions of one class finds, or why it is refused or its run ends early.
+
+    So many are solved at a time as the class says, in halves where one of them fails.
+    """
+    found: list[Findings | SetupError] = []
+    number = type(asked[0]).at_once if asked else 1
+    for k in range(0, len(asked), number):
+        some = asked[k : k + number]
+        try:
+            found += type(some[0]).solve_all(context, some)
+        except (ValueError, ArithmeticError, LookupError, SimulationError) as error:
+            half = len(some) // 2
+            halves = (some[:half], some[half:]) if half else ()
+            found += [x for part in halves for x in solve_each(context, part)] or [
+                SetupError(str(error))
+            ]
+    return found
+
+
 def measured(context: Context, asked: Sequence[Any], states: Array | None = None) -> Motions:
     """Return what is found of questions of one class as arrays; of orbits, that to which states lead."""
     method = asked[0].method
     if isinstance(method, Orbit):
         return method.worst_motions(context, asked, states)
-    return Motions.of(asked, type(asked[0]).solve_all(context, asked))
+    return Motions.of(asked, solve_each(context, asked))
 
 
 def table_of(
@@ -449,6 +469,8 @@ def table_of(
     blocks = [asked[k : k + AT_ONCE] for k in range(0, len(asked), AT_ONCE)]
     every = (measured(context, block) for block in blocks)
     found = [next(every)]
+    if not found[0].columns:
+        raise SetupError(f"no row of {csv} has an answer; the first: {found[0].problems[0]}")
     figures = figures or {name: name for name in found[0].columns}
     units = found[0].table({}, figures).units
 

@@ -25,10 +25,11 @@ from cosim.rounding import unit_suffix
 from .answer import Answer, Findings, GivenValue, Table, option_values, parameters
 from .context import Context, captured_log_warnings
 from .figure import Figure
-from .find import Find, find, solve_each
+from .find import Find, find
 from .judgement import Holds, Judgement, capital
 from .live import Slider
 from .options import Option, declared
+from .orbits import solve_each
 from .project import PYTHON
 from .question import Probe, Question
 

@@ -74,6 +74,20 @@ def test_what_is_over_no_input_of_the_grid_is_found_in_each_row(tmp_path: Path) 
     assert found.figures["reached_2"].value == pytest.approx(1.0 / 3.0, abs=1e-3)
 
 
+def test_a_row_that_is_refused_costs_no_other_one(tmp_path: Path) -> None:
+    plan = "fixed={'x': 0.5}, grid={'mood': ('good', 'refuse', 'fail', 'good')}, columns={'height': 'height'}, limits={'height': 2.0}"
+    found = answer(tmp_path, plan)
+    assert found.first_table["height"].isna().to_list() == [False, True, True, False]
+    assert (
+        "slopes.csv: 2 of 4 rows have no answer; the first: this point is refused" in found.warnings
+    )
+    assert found.first_table["mood"].to_list() == ["good", "refuse", "fail", "good"]
+    with pytest.raises(
+        SetupError, match=r"no row of slopes\.csv has an answer; the first: this point is refused"
+    ):
+        answer(tmp_path, plan.replace("good", "refuse"))
+
+
 @pytest.mark.parametrize(
     ("plan", "words"),
     [

@@ -43,12 +43,18 @@ class PlanQuestion(Question):
                     at = [f"{y.meaning}", *(f"{key} = {value}" for key, value in line.items())]
                     figures[f"{name}_{k}" if k > 1 else name] = y._replace(meaning=", ".join(at))
             figures |= {f"{name}_largest": x.largest(name) for name in x.plan.limits}
+        warnings = [
+            f"{csv}: {len(lost)} of {len(x.table)} rows have no answer; the first: {lost[0]}"
+            for csv, x in measured.items()
+            if (lost := [*filter(None, x.motions.problems)])
+        ]
         first = next(iter(measured.values())).motions.asked[0]
         return Findings(
             figures,
             measured,
             first.system(context.fmus),
             tables={name: x.table for name, x in measured.items()},
+            warnings=warnings,
         )
 
     def judgements(self, f: Mapping[str, Figure], r: Any) -> Sequence[Judgement]:
