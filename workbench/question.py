@@ -136,7 +136,7 @@ class Question(Options):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         dataclass(frozen=True, kw_only=True)(cls)
-        if {"solve", "method"} & vars(cls).keys() and "is_sequential" not in vars(cls):
+        if {"solve", "solve_all", "method"} & vars(cls).keys() and "is_sequential" not in vars(cls):
             cls.is_sequential = False
         cls.module = sys.modules[cls.__module__]
         cls.title = (cls.module.__doc__ or "").strip().partition("\n")[0]
@@ -266,8 +266,8 @@ class Question(Options):
         })  # fmt: skip
 
     def solve(self, context: Context) -> Findings:
-        """Return what is found, by default what its method measures."""
-        (found,) = self.method.measure(context, [self])
+        """Return what is found, by default what `solve_all` finds of it."""
+        (found,) = self.solve_all(context, [self])
         if isinstance(found, SetupError):
             raise found
         return found
@@ -276,7 +276,7 @@ class Question(Options):
     def solve_all(cls, context: Context, questions: Sequence[Self]) -> list[Findings | SetupError]:
         """Return what each of several cases finds, or why it is refused; by default what the method measures of all.
 
-        A question that does the runs of all cases together sets `at_once`.
+        A question that does the runs of all cases together defines it in place of `solve`, and sets `at_once`.
         """
         if cls.overrides("solve"):
             return [question.solve(context) for question in questions]
@@ -285,7 +285,8 @@ class Question(Options):
     @classmethod
     def overrides(cls, name: str) -> bool:
         """Whether the question has a method of its own in place of that of `Question`."""
-        return getattr(cls, name) is not getattr(Question, name)
+        own, default = getattr(cls, name), getattr(Question, name)
+        return getattr(own, "__func__", own) is not getattr(default, "__func__", default)
 
 
 def certified_results(results: Any) -> list[Result]:
@@ -383,7 +384,8 @@ def read(module: ModuleType, locator: str = "") -> type[Question]:
     if not question.title:
         raise SetupError(f"{where} must begin with its question as a docstring")
     check_attributes(question, where)
-    if question.solve is not Question.solve or not isinstance(question.method, Run):
+    has_own = question.overrides("solve") or question.overrides("solve_all")
+    if has_own or not isinstance(question.method, Run):
         return question
     if question.method.finer and question.figures is not Question.figures:
         raise SetupError(f"{where}: with finer runs, figures are numbers = (...)")

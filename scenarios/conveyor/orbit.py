@@ -266,13 +266,6 @@ class DriveOrbit(Question, RippleOptions):
         found |= zip(good, cls.method.measure(context, [questions[k] for k in good]))
         return [found[k] for k in range(len(questions))]
 
-    def solve(self, context: Context) -> Findings:
-        """Return what the turn says, or refuse a machine that has none."""
-        (found,) = self.solve_all(context, [self])
-        if isinstance(found, SetupError):
-            raise found
-        return found
-
     def guide(self, figure: str, over: str) -> RippleGuide | None:
         """What is smooth of a figure along a line: load over response less that of theory, even at a sharp resonance."""
         if figure not in GUIDED or over not in ("speed", *FIELDS):

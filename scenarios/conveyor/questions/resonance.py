@@ -143,27 +143,15 @@ class Resonance(Question, NameplateOptions, RippleOptions):
         speed = self.speed or OPERATING[self.set]
         return Probe(replace(self, speeds=(speed,), theory=FIRST_ORDER))
 
-    def solve(self, context: Context) -> Findings:
-        """Sweep the speed, locate the features of the response, and judge the operating speed.
-
-        This replaces the single certified run, because the figures come from steady orbits, which are sought at
-        many speeds.
-
-        Raises
-        ------
-        cosim.SetupError
-            For settings that cannot give an answer.
-        """
-        (found,) = self.solve_all(context, [self])
-        if isinstance(found, SetupError):
-            raise found
-        return found
-
     @classmethod
     def solve_all(
         cls, context: Context, questions: Sequence[Resonance]
     ) -> list[Findings | SetupError]:
-        """Return what many questions of this kind find, or why one is refused, in their order."""
+        """Return what many questions of this kind find, or why one is refused, in their order.
+
+        This replaces single certified runs, because the figures come from steady orbits, which are sought at many
+        speeds: of all questions together, whose features are then located, and whose operating speeds are judged.
+        """
         found: dict[int, Findings | SetupError] = {}
         plans: dict[int, SweepPlan] = {}
         machines = [SETS[question.set].follow(question.start) for question in questions]
