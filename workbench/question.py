@@ -266,8 +266,9 @@ class Question(Options):
         })  # fmt: skip
 
     def solve(self, context: Context) -> Findings:
-        """Return what is found, by default what `solve_all` finds of it."""
-        (found,) = self.solve_all(context, [self])
+        """Return what is found, by default what its method measures, or `solve_all` finds where that is its own."""
+        solve_all = self.solve_all if self.overrides("solve_all") else self.method.measure
+        (found,) = solve_all(context, [self])
         if isinstance(found, SetupError):
             raise found
         return found
