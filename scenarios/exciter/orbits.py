@@ -22,11 +22,11 @@ from cosim import Prepared, RunSettings, System
 from workbench.answer import parameters
 from workbench.orbits import STEP_MULTIPLES
 from workbench.roots import roots_between, secant
+from workbench.steady import TURN
 
 Array = NDArray[np.float64]
 STATES = ("motor.i", "exciter.w", "exciter.x", "exciter.v")
 PHI, SUPPLY = "exciter.phi", "motor.v"
-TURN = 2 * math.pi
 #: Steps in a revolution at least; measured: the default folds then have a coupling error below 1e-5.
 STEPS_PER_REV = 64
 #: Scale of a current that vanishes [A]; a convention.

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-import cosim
 from cosim import Result, SetupError, System
 from cosim.dense import Array as Samples
 from cosim.metrics import largest, time_of_largest
@@ -46,7 +45,7 @@ DIMENSIONS = {
 }  # fmt: skip
 #: The function whose changes rank the dimensions in the chart, that of the verdict; the table has the changes of all.
 RANKING_FUNCTION = "H_1"
-#: Inertia of a rotor that imposes the speed [kg.m2]; it is taken out of A_1 again.
+#: Inertia of a rotor that imposes the speed to 1e-5 [kg.m2]; it is taken out of A_1 again.
 ROTOR = 1e3
 #: Speed of the cam [rad/s], which the transfer functions do not depend on; a convention.
 PACE = 4.0
@@ -138,7 +137,7 @@ def transfer_functions(context: Context, system: System, samples: int) -> Transf
         For a cam without a rise.
     """
     values = {x: float(parameters(system)[f"iron.{x}"].value) for x in DIMENSIONS}
-    result, run = turn(system, samples), partial(varied, system, samples)
+    result, run = iron.turn(system, PACE, samples, ROTOR), partial(varied, system, samples)
     cases = [(x, k * CHANGE * values[x]) for x in DIMENSIONS for k in (1, -1, 2, -2)]
     turns = context.each(run, cases, "dimensions", probes=True)
     phi, function_values = np.linspace(0.0, 360.0, samples + 1), functions(system, result)
@@ -163,18 +162,12 @@ def transfer_functions(context: Context, system: System, samples: int) -> Transf
     return TransferFunctions(result, phi, function_values, shares, tops)
 
 
-def turn(system: System, samples: int) -> Result:
-    """A turn with a rotor of 1000 kg.m2, which keeps it even to 1e-5."""
-    h = 2 * math.pi / (PACE * samples)
-    return cosim.run(iron.imposed(system, PACE, ROTOR), stop=h * samples, step=h)
-
-
 def varied(system: System, samples: int, case: tuple[str, float]) -> Samples:
     """The functions of a machine with a dimension that is longer by so much [m or rad]."""
     name, longer = f"iron.{case[0]}", case[1]
     value = float(parameters(system)[name].value) + longer
     other = replace(system, start={**system.start, name: value})
-    return functions(other, turn(other, samples))
+    return functions(other, iron.turn(other, PACE, samples, ROTOR))
 
 
 def functions(system: System, r: Result) -> Samples:

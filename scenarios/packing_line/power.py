@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cosim import Result, SetupError
-from cosim.metrics import Largest, Mean, Rms, Smallest, harmonics
+from cosim.metrics import TURN, Largest, Mean, Rms, Smallest, harmonics
 from workbench import Figure
 from workbench.figure import ROUNDING
 
@@ -25,7 +25,6 @@ STATISTICS = {
 }
 #: Highest order of each drive: that of the cam has the orders of its phases, the crank even ones; a convention.
 HIGHEST = {"iron": 12, "conveyor": 4}
-TURN = 2 * math.pi
 #: Whole cycles at the end over which powers are measured; a convention, two show whether they repeat.
 MEASURED = 2
 #: Even angles of a turn at which a power is taken, ten for each of the orders; a convention.

@@ -16,9 +16,9 @@ from ..dimensions import known_units
 from ..figure import Figure
 from ..formula import Formula
 from ..options import Options
+from ..steady import TURN
 from .declare import REVOLUTION, Caption, LiveMotion, LiveRun, RunChart
 
-TURN = 2 * math.pi
 #: Share of a turn within which a whole one is there, whatever its ends are rounded to.
 WHOLE = 1 - 1e-9
 

@@ -10,7 +10,16 @@ import math
 from collections.abc import Mapping
 
 from cosim import Result
-from cosim.metrics import Largest, Mean, Settled, StrongestOrder, Swing, TimeOfLargest, TurnMean
+from cosim.metrics import (
+    TURN,
+    Largest,
+    Mean,
+    Settled,
+    StrongestOrder,
+    Swing,
+    TimeOfLargest,
+    TurnMean,
+)
 from workbench import (
     Figure,
     Judgement,
@@ -32,7 +41,6 @@ from ..motion import live_motion
 
 #: Share of the set speed that the load must reach; a convention of step responses.
 NEAR = 0.9
-TURN = 2 * math.pi
 #: Smallest overshoot of the mean, over the set speed, whose time is named; a flat top has none.
 LEAST_OVERSHOOT = 1e-3
 STILL_RISES = "the mean still rises"
