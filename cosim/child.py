@@ -36,6 +36,8 @@ GRACE = 10.0
 BETWEEN = 0.05
 #: Time between two looks at whether a process has ended [s]. Chosen: it ends in a few of them.
 PAUSE = 1e-3
+#: Bytes that are dropped at a time of what does not belong into a pipe. A convention.
+MOST_JUNK = 1 << 16
 #: Why a process was killed whose FMU has written into the pipes between it and this one.
 WROTE = "wrote what is no message into the pipes to its parent and was ended (an FMU writes into files that are not its own)"
 #: Signals of a process that has crashed.
@@ -108,10 +110,8 @@ class Child:
         """What the process has sent, waiting so long for it [s]; at its end a `Death` is the last."""
         limit = None if patience == math.inf else patience
         ready = wait([self.pipe, self.process.sentinel], limit)
-        if self.process.sentinel in ready and not self._ends(
-            GRACE
-        ):  # it closes its files one by one
-            self._kill(WROTE)
+        if self.process.sentinel in ready and self._is_ending():
+            self._ends(GRACE)  # it closes its files one by one
         is_alive = self.process.is_alive()
         try:
             while self.pipe.poll():
@@ -120,21 +120,23 @@ class Child:
                     self.heard = clock.monotonic()
                 yield message
         except BlockingIOError:  # what it has begun to send does not come
-            self._kill(WROTE)
+            self.why_killed = WROTE
+            self.process.kill()
         except (EOFError, OSError):
             self._ends(GRACE)
             is_alive = False
         if not is_alive:
             yield Death(self.why_killed or death(self.process))
         elif self.left() == 0.0 and not self.why_killed:
-            self._kill(f"did not respond for {self.limit:g} s and was ended")
+            self.why_killed = f"did not respond for {self.limit:g} s and was ended"
+            self.process.kill()
 
-    def _kill(self, why: str) -> None:
-        self.why_killed = why
-        self.process.kill()
+    def _is_ending(self) -> bool:
+        """Whether the pipe that tells of its end is closed, not only written into, as an FMU may: that is dropped."""
+        return sys.platform == "win32" or not os.read(self.process.sentinel, MOST_JUNK)
 
     def _ends(self, seconds: float) -> bool:
-        """Whether the process ends within a while [s], whatever an FMU has written into the pipe whose end tells it."""
+        """Whether the process ends within a while [s], whatever stands in the pipe that tells of it."""
         latest = clock.monotonic() + seconds
         while (is_alive := self.process.is_alive()) and clock.monotonic() < latest:
             clock.sleep(PAUSE)

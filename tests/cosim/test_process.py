@@ -146,12 +146,15 @@ def write_into(kind: str, pipe: Any) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="its pipes are not of POSIX")
 @pytest.mark.parametrize("kind", ["pipe", "socket"])
-def test_a_child_that_writes_into_the_pipes_to_its_parent_is_ended(
+def test_what_a_child_writes_into_the_pipes_to_its_parent_holds_up_nobody(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its parent waited for its end, or for the rest of a message of 1 GB, without end."""
+    """The parent waited for an end, or for the rest of a message of 1 GB, that never came."""
     monkeypatch.setattr(child, "GRACE", 1.0)
     one = child.Child(partial(write_into, kind), is_apart=True)
     ends = [m for _ in range(5) for m in one.messages(child.GRACE) if isinstance(m, child.Death)]
+    was_alive = one.process.is_alive()
     one.end()
-    assert ends[0].how == child.WROTE
+    assert (was_alive, [end.how for end in ends[:1]]) == (
+        (True, []) if kind == "pipe" else (False, [child.WROTE])
+    )
