@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, dataclass_transform
 
 from .ops import COMPARISONS, OPS, Failure
 
@@ -36,7 +36,6 @@ class NumberType(NamedTuple):
 
 
 REAL = NumberType()
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
@@ -147,7 +146,13 @@ for _names, _what in {
         setattr(Node, f"__{_name}__", _refuse(_what))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass_transform(frozen_default=True, eq_default=False)
+def node(kind: type[N]) -> type[N]:
+    """Make a kind of nodes of its fields, compared as numbers are."""
+    return dataclass(frozen=True, eq=False, repr=False)(kind)
+
+
+@node
 class Operation(Node):
     """An operation of the table `OPS` on numbers and nodes."""
 
@@ -165,7 +170,7 @@ class Operation(Node):
         return self.op in COMPARISONS
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Argument(Node):
     """A parameter of a traced function, or the number at an index of one that is a record."""
 
@@ -173,7 +178,7 @@ class Argument(Node):
     index: int | None
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class LoopVariable(Node):
     """A number that a loop carries on, by the number of the loop."""
 
@@ -181,7 +186,7 @@ class LoopVariable(Node):
     index: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Call(Node):
     """A call of a traced function, with a group of numbers for each parameter that has any."""
 
@@ -189,7 +194,7 @@ class Call(Node):
     groups: tuple[tuple[Any, ...], ...]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Result(Node):
     """One of the numbers that a call returns."""
 
@@ -197,7 +202,7 @@ class Result(Node):
     index: int
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Loop(Node):
     """A loop of unknown length: the start of its variables; its body ends with `done` and their next values."""
 
@@ -206,12 +211,12 @@ class Loop(Node):
     body: Tree
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Phi(Node):
     """A value after a join, which comes from one of its arms: phi of static single assignment."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Join(Node):
     """A condition with an arm for either answer, after which one path goes on with the values in `phis`."""
 
@@ -226,19 +231,19 @@ class Join(Node):
         return self.true, self.false
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class Note(Node):
     """A sentence for the log of the host."""
 
     text: Text
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class AttemptStart(Node):
     """The start of what may fail without an end of the function; what failed before ends it."""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@node
 class AttemptEnd(Node):
     """The end of an attempt, which forgets its failure: true if there was one."""
 
