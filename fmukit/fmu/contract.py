@@ -20,11 +20,35 @@ FUNCTIONS = {
 #: The modules of the standard library that give the same at each import; with others, and with the functions below, a
 #: file, a clock, a random number or the environment would enter a model's constants, and its FMU stay up to date.
 CONSTANT_MODULES = frozenset(
-    """
-    __future__ abc array bisect cmath collections contextlib copy dataclasses decimal enum fractions
-    functools heapq itertools json math numbers operator re statistics string struct textwrap types
-    typing warnings
-    """.split()
+    [
+        "__future__",
+        "abc",
+        "array",
+        "bisect",
+        "cmath",
+        "collections",
+        "contextlib",
+        "copy",
+        "dataclasses",
+        "decimal",
+        "enum",
+        "fractions",
+        "functools",
+        "heapq",
+        "itertools",
+        "json",
+        "math",
+        "numbers",
+        "operator",
+        "re",
+        "statistics",
+        "string",
+        "struct",
+        "textwrap",
+        "types",
+        "typing",
+        "warnings",
+    ]
 )
 READING_FUNCTIONS = ("open", "input", "eval", "exec", "__import__")
 #: Least similarity of a misspelt name, as `difflib` measures it: two letters exchanged in the shortest names give 0.8.

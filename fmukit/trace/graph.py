@@ -37,6 +37,7 @@ class NumberType(NamedTuple):
 
 REAL = NumberType()
 
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Node:
     """A number known only at run time.
