@@ -78,9 +78,10 @@ class FormulaComparison:
         """Return how fast the rotor may turn, how well the formula gives it, and what moves it most."""
         f, located = self.figures, self.tables[PLANE].frame["limit"].notna()
         pairs = f"{located.sum()} of {len(located)} pairs of cup and friction that have a limit"
-        name, most = strongest(f, LENGTHS)
+        gains = {name: f[gain_name(name)] for name in LENGTHS}
+        name, most = max(gains.items(), key=lambda item: np.nan_to_num(abs(item[1].value)))
         what = f"1 % more of {name}, the dimension that moves the limit most, changes it by"
-        if most is None:
+        if most.error is None:
             what = "dimension that moves the limit most"
             most = Figure.undetermined("%", f"no limit of {', '.join(LENGTHS)} was found")
         return [
@@ -212,13 +213,6 @@ def gain_name(dimension: str) -> str:
 
 
 def largest_of(values: Any, errors: Any, meaning: str) -> Figure:
-    """The largest of these values; its error is how much each of them might be further out, or its own."""
+    """The largest of these values; its error is how much each of them might be further out."""
     largest = extreme(values.to_numpy(), errors.to_numpy())
     return orbit_figure(*largest, "%", meaning, "no limit was found")
-
-
-def strongest(f: Mapping[str, Figure], names: Sequence[str]) -> tuple[str, Figure | None]:
-    """Return the dimension of which 1 % more changes the limit most, and by how much; "" if none is known."""
-    gains = {name: f[gain_name(name)] for name in names}
-    found = [(name, x) for name, x in gains.items() if x.error is not None]
-    return max(found, key=lambda item: abs(item[1].value), default=("", None))
