@@ -233,33 +233,31 @@ def test_what_an_fmu_changes_in_its_process_is_brought_back(
     assert np.array_equal(result.data[:7], caught.value.result.data)
 
 
-def test_numbers_that_are_rounded_otherwise_end_a_run(watched: Path) -> None:
+@pytest.mark.parametrize(
+    ("flaw", "ends", "starts"),
+    [
+        ("round_at", "has changed the rounding .* stopped at", "the rounding of floating-point numbers"),
+        pytest.param(
+            "flush_at", r"subnormal .*\(FTZ, DAZ\) of the whole process", "subnormal",
+            marks=pytest.mark.skipif(
+                platform.machine() not in ("x86_64", "AMD64"), reason="the FMU sets bits of SSE"
+            ),
+        ),
+    ],
+)  # fmt: skip
+def test_numbers_that_are_computed_otherwise_end_a_run(
+    flaw: str, ends: str, starts: str, watched: Path
+) -> None:
     """In an FMU's steps; what it does while it starts is brought back before the first one."""
-    with pytest.raises(SimulationError, match=r"has changed the rounding .* stopped at") as caught:
-        run(
-            single_fmu_system(pack(watched / "A.fmu", round_at=0.35)),
-            stop=1.0,
-            step=0.1,
-            csv="a.csv",
-        )
-    assert (watched / "a.partial.csv").read_text().count("\n") == len(caught.value.result.data) + 1
-    started = run(single_fmu_system(pack(watched / "B.fmu", round_at=0.0)), stop=1.0, step=0.1)
-    assert "the rounding of floating-point numbers" in started.warnings[0]
-    result = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
-    assert np.array_equal(result["C.y"], started["B.y"])
-
-
-@pytest.mark.skipif(
-    platform.machine() not in ("x86_64", "AMD64"), reason="the FMU sets bits of SSE"
-)
-def test_numbers_whose_subnormal_ones_vanish_end_a_run(watched: Path) -> None:
-    """In an FMU's steps; what it sets while it starts is brought back before the first one."""
-    with pytest.raises(SimulationError, match=r"subnormal .*\(FTZ, DAZ\) of the whole process"):
-        run(single_fmu_system(pack(watched / "A.fmu", flush_at=0.35)), stop=1.0, step=0.1)
+    settings: dict[str, Any] = {"stop": 1.0, "step": 0.1}
+    with pytest.raises(SimulationError, match=ends) as caught:
+        failing = single_fmu_system(pack(watched / "A.fmu", **{flaw: 0.35}))
+        run(failing, csv="a.csv", **settings)
     assert sys.float_info.min * float("0.5") > 0.0, "it was restored"
-    started = run(single_fmu_system(pack(watched / "B.fmu", flush_at=0.0)), stop=1.0, step=0.1)
-    assert "subnormal" in started.warnings[0]
-    result = run(single_fmu_system(pack(watched / "C.fmu")), stop=1.0, step=0.1)
+    assert (watched / "a.partial.csv").read_text().count("\n") == len(caught.value.result.data) + 1
+    started = run(single_fmu_system(pack(watched / "B.fmu", **{flaw: 0.0})), **settings)
+    assert starts in started.warnings[0]
+    result = run(single_fmu_system(pack(watched / "C.fmu")), **settings)
     assert np.array_equal(result["C.y"], started["B.y"])
 
 
