@@ -101,10 +101,12 @@ RARELY = (
     "docs/crosscheck.md",
     "docs/hosts.md",
     "docs/identify.md",
+    "docs/micron_steps.md",
     "docs/referee.md",
     "docs/scenarios.md",
     "docs/studies.md",
     "docs/sweeps.md",
+    "docs/systems.md",
     "docs/test_your_master.md",
 )
 """Pages whose commands do what other tests try, too."""

@@ -168,11 +168,11 @@ def test_a_process_that_is_short_of_something_leaves_its_runs_to_the_next(tmp_pa
     """What earlier runs have left of open files is no fault of a later one; alone it has all of them."""
     system = single_fmu_system(pack(tmp_path / "A.fmu"))
     figures = {"y": Short("A.y")}
-    cases = {"A.x0": np.arange(1.0, 4.0)}
+    cases = {"A.x0": np.arange(1.0, 3.0)}
     table = sweep(system, cases, figures, how=How(isolated=True), stop=1.0, step=0.1)
     whole = sweep(system, cases, {"y": Smallest("A.y")}, stop=1.0, step=0.1)
     assert_array_equal(table["y"], whole["y"])
-    assert table["reason"].tolist() == [""] * 3
+    assert table["reason"].tolist() == [""] * 2
 
 
 def test_a_sweep_that_is_interrupted_before_its_first_row_says_so(
