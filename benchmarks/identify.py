@@ -28,7 +28,9 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.coverage import Demand, Stated, Study, Trial, main
 from cosim import Identified, Series, System, identify
 from cosim.system import Value
+from tests.scenarios import exciter_oracle
 from tests.scenarios.orbit_oracle import Drive
+from tests.scenarios.shooting import Motor
 
 #: The page that this backs, and its heading.
 CLAIM = ("docs/identify.md", "How far it can be trusted")
@@ -79,8 +81,7 @@ def static(p: Mapping[str, float], w: float) -> float:
     """Torque of a motor at a steady speed."""
     if "motor.kloss.w_s" not in p:
         return p["motor.A"] - p["motor.B"] * w
-    s, s_b = 1.0 - w / p["motor.kloss.w_s"], p["motor.kloss.s_b"]
-    return 2.0 * p["motor.kloss.tau_b"] * s * s_b / (s * s + s_b * s_b)
+    return float(Motor.of(p).torque(w)[0])
 
 
 def conveyor_rates(
@@ -96,27 +97,21 @@ def conveyor_rates(
     share per second, and a motor whose torque is limited [N.m].
     """
     phi, w, tau = y
-    m, c, d = p["conveyor.trough.m"], p["conveyor.spring.c"], p["conveyor.trough.d"]
-    x, x1, x2, _ = Drive(r=R, l=rod, finite=rod < math.inf).trough(phi)
-    load = c * x * x1 + d * x1 * x1 * w + m * x1 * x2 * w * w
-    load += friction * x1 * math.tanh(200.0 * x1 * w)
+    drive = Drive.of(
+        {**p, "conveyor.crank.r": R, "conveyor.rod.l": rod, "conveyor.rod.finite": rod < math.inf}
+    )
+    slope = drive.trough(phi)[1]
     drifted = p | {"motor.A": p.get("motor.A", 0.0) * (1.0 + drift * t)}
     torque = min(max(static(drifted, w), -most), most)
-    return [w, (tau - load) / (p["conveyor.rotor.J"] + m * x1 * x1), (torque - tau) / p["motor.T"]]
+    free = tau - friction * slope * math.tanh(200.0 * slope * w)
+    return [w, drive.acceleration(phi, w, free), (torque - tau) / p["motor.T"]]
 
 
 def exciter_rates(p: Machine, t: float, y: Samples, **_: float) -> list[float]:
-    """Rates of current, angle, speed, displacement and velocity."""
-    i, phi, w, x, v = y
-    U, s = p["exciter.rotor.m"] * p["exciter.rotor.r"], math.sin(phi)
-    M = np.array(
-        [[p["exciter.mount.m"] + p["exciter.rotor.m"], -U * s],
-         [-U * s, p["exciter.rotor.J"] + U * p["exciter.rotor.r"]]]
-    )  # fmt: skip
-    force = U * w * w * math.cos(phi) - p["exciter.mount.d"] * v - p["exciter.mount.c"] * x
-    a, alpha = np.linalg.solve(M, [force, p["motor.k"] * i - p["exciter.rotor.d"] * w])
-    di = (p["motor.v"] - p["motor.R"] * i - p["motor.k"] * w) / p["motor.L"]
-    return [di, w, float(alpha), v, float(a)]
+    """Rates of angle, current, speed, displacement and velocity."""
+    return exciter_oracle.rates(
+        {x: p[name] for x, name in exciter_oracle.NAMES.items()}, p["motor.v"], y
+    )
 
 
 def electromechanical_resonance(p: Mapping[str, float]) -> float:
@@ -171,7 +166,7 @@ def draw(kind: str, rng: np.random.Generator) -> Record:
         w = mount_resonance(p) * rng.uniform(0.6, 1.6)
         p |= {"motor.v": p["motor.k"] * w + 1.0, "motor.i": 0.5, "exciter.phi": angle}
         p |= {"exciter.w": w, "exciter.x": 0.0, "exciter.v": 0.0}
-        states = ["motor.i", "exciter.phi", "exciter.w", "exciter.x", "exciter.v"]
+        states = ["exciter.phi", "motor.i", "exciter.w", "exciter.x", "exciter.v"]
         return Record(
             p, EXCITER, ["motor.tau -> exciter.tau", "exciter.w -> motor.w"],
             ["motor.R", "exciter.rotor.J", "exciter.mount.c", "exciter.mount.d", "motor.v", *states],

@@ -159,9 +159,6 @@ MUTANTS = (
     Mutant("judgement: how far a claim is from turning has the same sign where one does not want it",
            "workbench/judgement.py", "(room if self.is_wanted else -room), error", "room, error",
            f"{JUDGEMENTS} {REMEDIES}"),
-    Mutant("figure: what the rows between leave open is that of every second row, never of every third",
-           "cosim/accuracy/judge.py", "return np.maximum(third / (3.0**q - 1.0), second / (2.0**q - 1.0))",
-           "return second / (2.0**high - 1.0)", FIGURE),
     Mutant("find: the grid is never halved",
            "workbench/find.py", "is_settled = number > FIRST and", "is_settled = number >= FIRST or", FIND),
     Mutant("find: a plateau at the level is a crossing",
@@ -182,7 +179,7 @@ MUTANTS = (
     Mutant("nameplate: the inertia of the rotor grows by the ratio of the gear, not by its square",
            "scenarios/motor.py", "plate.inertia * plate.ratio**2", "plate.inertia * plate.ratio", "tests/scenarios/test_motor.py"),
     Mutant("live page: the ripple of a turn is half of its amplitude",
-           "workbench/live/js/readers.js", "const scale = 2 / (", "const scale = 1 / (", "tests/workbench/test_live_parts.py"),
+           "workbench/live/js/readers.js", "const scale = 2 / (", "const scale = 1 / (", "tests/workbench/test_live.py"),
 )  # fmt: skip
 
 

@@ -19,19 +19,23 @@ NAMES = {
 }  # fmt: skip
 
 
+def rates(machine: Mapping[str, float], supply: float, y: Any) -> list[float]:
+    """The rates of angle, current, speed, displacement and velocity."""
+    R, k, L, J, m_u, r, d_r, m, c, d = (machine[name] for name in DEFAULT)
+    U, (phi, i, w, x, v) = m_u * r, y
+    s = U * math.sin(phi)
+    force, torque = U * w * w * math.cos(phi) - d * v - c * x, k * i - d_r * w
+    M, theta = m + m_u, J + U * r
+    dv, dw = (theta * force + s * torque), (s * force + M * torque)
+    dv, dw = dv / (M * theta - s * s), dw / (M * theta - s * s)
+    return [w, (supply - R * i - k * w) / L, dw, v, dv]
+
+
 def returned(machine: Mapping[str, float], supply: float, y: Any) -> tuple[Any, float]:
     """Current, speed, displacement and velocity one revolution after phi = 0, and the period."""
-    R, k, L, J, m_u, r, d_r, m, c, d = (machine[name] for name in DEFAULT)
-    U = m_u * r
 
     def rhs(_: float, y: Any) -> list[float]:
-        phi, i, w, x, v = y
-        s = U * math.sin(phi)
-        force, torque = U * w * w * math.cos(phi) - d * v - c * x, k * i - d_r * w
-        M, theta = m + m_u, J + U * r
-        dv, dw = (theta * force + s * torque), (s * force + M * torque)
-        dv, dw = dv / (M * theta - s * s), dw / (M * theta - s * s)
-        return [w, (supply - R * i - k * w) / L, dw, v, dv]
+        return rates(machine, supply, y)
 
     def turned(_: float, y: Any) -> float:
         return float(y[0] - 2 * math.pi)

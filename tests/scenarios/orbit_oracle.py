@@ -105,6 +105,12 @@ class Drive:
         ddR = (r**2 * (c**2 - s**2) - dR**2) / R
         return r * s + R - l, r * c + dR, -r * s + ddR, l / R
 
+    def acceleration(self, phi: Any, w: Any, torque: Any) -> Any:
+        """The rate of the speed under a torque [rad/s2]."""
+        x, dx, ddx, _ = self.trough(phi)
+        load = self.c * x * dx + self.d * dx**2 * w + self.m * dx * ddx * w**2
+        return (torque - load) / (self.J + self.m * dx**2)
+
 
 @dataclass(frozen=True)
 class Orbit:

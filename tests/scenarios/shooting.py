@@ -59,14 +59,9 @@ def revolved(drive: Drive, motor: Motor, states: Samples, turns: int = 1, rows: 
 
     def rates(phi: float, y: Samples) -> Samples:
         w, M = y.reshape(2, -1)
-        x, dx, ddx, _ = drive.trough(phi)
-        inertia, bend = drive.J + drive.m * dx**2, drive.m * dx * ddx
-        load = drive.c * x * dx + drive.d * dx**2 * w
         runs = w > STOPPED * motor.w_s
-        time = runs / np.where(runs, w, 1.0)
-        return np.concatenate(
-            [(M - load - bend * w**2) / inertia, (motor.torque(w) - M) / drive.T] * time
-        )
+        change = drive.acceleration(phi, w, M), (motor.torque(w) - M) / drive.T
+        return np.concatenate(change) * np.tile(runs / np.where(runs, w, 1.0), 2)
 
     last = turns * TURN
     angles = np.linspace(last - TURN, last, rows + 1)[:-1] if rows else [last]
