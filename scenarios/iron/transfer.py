@@ -92,9 +92,9 @@ class TransferFunctions:
 
     def tables(self) -> dict[str, Table]:
         """Return the functions over the cam angle, and the shares of the dimensions."""
-        rows = np.column_stack([self.phi, *self.values]).tolist()
+        columns = {"phi": self.phi, **dict(zip(FUNCTIONS, self.values))}
         return {
-            TABLE: Table.of_rows(rows, {"phi": "deg"} | self.units),
+            TABLE: Table(columns, {"phi": "deg"} | self.units),
             SHARES: Table.of_rows(self.shares, UNITS),
         }
 
