@@ -19,7 +19,7 @@ from .options import Options as Options
 from .options import RunOptions as RunOptions
 from .options import option as option
 from .plan import Plan as Plan
+from .plan import PlanQuestion as PlanQuestion
 from .question import Question as Question
-from .study.question import PlanQuestion as PlanQuestion
 
 THREADS: tuple[str, ...]

@@ -68,7 +68,9 @@ def stream(path: Path | None, columns: Sequence[str]) -> Iterator[Rows]:
         writer.writerow(columns)
 
         def append(rows: Iterable[Sequence[float]]) -> None:
-            writer.writerows(["" if isnan(x) else x for x in row] for row in rows)
+            writer.writerows(
+                ["" if isinstance(x, float) and isnan(x) else x for x in row] for row in rows
+            )
             file.flush()
 
         yield append

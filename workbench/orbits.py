@@ -467,7 +467,8 @@ def table_of(
         What figures are called in it, by default all by their names, see `Motions.table`.
     """  # fmt: skip
     blocks = [asked[k : k + AT_ONCE] for k in range(0, len(asked), AT_ONCE)]
-    every = (measured(context, block) for block in blocks)
+    silent = replace(context, out=None)  # the table has what is kept of each answer
+    every = (measured(silent, block) for block in blocks)
     found = [next(every)]
     if not found[0].columns:
         raise SetupError(f"no row of {csv} has an answer; the first: {found[0].problems[0]}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,13 +21,12 @@ from scipy.stats.distributions import rv_frozen
 from cosim import SetupError, System
 from cosim.system import connect
 
-from .answer import Table
+from .answer import Findings, Table
 from .context import Context
-from .figure import Figure
 from .find import Find, Found, LineSearch, search
 from .formula import Formula
 from .options import Option, declared, quoted, unknown_option
-from .orbits import Motions, orbit_figure, table_of
+from .orbits import Motions, table_of
 from .question import Question
 
 Value = float | int | str | bool
@@ -111,6 +111,14 @@ class Plan:
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        tables = self.fixed, self.grid, self.linked, self.tolerances
+        for name, times in Counter(itertools.chain(*tables)).items():
+            if times > 1:
+                raise SetupError(
+                    f"{name!r} is given in two of [fixed], [grid], [linked] and [tolerances]"
+                )
+
     @property
     def varied(self) -> list[str]:
         """The inputs that vary: those of the grid, then the sampled ones."""
@@ -164,13 +172,6 @@ class Plan:
         option = input_of(self.question, name, key)
         return connect(System(fmus)).port(name).unit if "." in name else option.unit
 
-    def lines(self, over: str) -> list[dict[str, Value]]:
-        """The other inputs of each search over an input."""
-        others = {name: values for name, values in self.grid.items() if name != over}
-        names = [*others, *self.tolerances]
-        points = itertools.product(itertools.product(*others.values()), self.samples())
-        return [dict(zip(names, (*point, *sample))) for point, sample in points]
-
 
 class StartValue(Option):
     """A start value of an FMU, whose type and unit are those of its variable."""
@@ -219,12 +220,6 @@ class Measured:
     motions: Motions
     searches: Mapping[str, Sequence[LineSearch]]
     found: Mapping[str, Sequence[Sequence[Found]]]
-
-    def largest(self, name: str, sense: float = 1.0) -> Figure:
-        """Return the largest value of a figure in all rows, or with a sense of -1 the least."""
-        x = self.motions.columns[name]
-        what = "largest" if sense > 0.0 else "least"
-        return orbit_figure(*extreme(x.value, x.error, sense), x.unit, f"{what} {name}", "")
 
 
 def extreme(values: Samples, errors: Samples, sense: float = 1.0) -> tuple[float, float]:
@@ -277,3 +272,19 @@ def _searches(plan: Plan, sought: Find, motions: Motions) -> Iterator[LineSearch
     x = np.array(plan.grid[sought.over], float)
     for line in rows.reshape(-1, len(x)):
         yield LineSearch.along(motions[line], sought, x)
+
+
+class PlanQuestion(Question):
+    """A question that follows from the answers to others, which it asks by plans: it defines `plans` and `conclude`."""
+
+    def plans(self, context: Context) -> Mapping[str, Plan]:
+        """Return its plans, by the files of their tables; raises SetupError for options that cannot give an answer."""
+        raise NotImplementedError
+
+    def conclude(self, context: Context, measured: Mapping[str, Measured]) -> Findings:
+        """Return what follows from the answers to its plans."""
+        raise NotImplementedError
+
+    def solve(self, context: Context) -> Findings:
+        """Ask what its plans say, and conclude."""
+        return self.conclude(context, measure(context, self.plans(context)))

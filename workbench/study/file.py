@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 import tomllib
 from collections import Counter
@@ -117,11 +116,6 @@ def _study(path: Path, content: Spec, project: Project) -> Study:
     _require_distinct("figures", figures)
     question = project.load(scenario, path.parent)
     read, units = _inputs(question, tables)
-    for name, times in Counter(itertools.chain(*read.values())).items():
-        if times > 1:
-            raise SetupError(
-                f"{name!r} is given in two of [fixed], [grid], [linked] and [tolerances]"
-            )
     if not read["grid"] and not read["tolerances"] and not tables["find"]:
         raise SetupError("nothing varies: a study needs a table [grid], [tolerances] or [find]")
     if bool(read["tolerances"]) != ("sampling" in content):
