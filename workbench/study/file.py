@@ -185,7 +185,7 @@ def read_find(question: type[Question], name: str, spec: Any) -> Find:
         raise SetupError(f"{key} = {quoted(spec)} must be {FIND}")
     check_keys(f"{key}: ", spec, ("over", "from", "to", "figure", "level", "which"))
     over = Option("over", str, default="").read(spec.get("over"), f"{key}.over")
-    option = _input(question, key, over, spec)
+    option = input_of(question, over, f"{key}.over")
     low, high, _ = _ends(option, spec, key)
     if not low > 0.0:
         raise SetupError(f"{key}.from = {low:g} must be above 0")
