@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ class Drawn:
     """A system with its settings, and the truth of each of its figures."""
 
     name: str
-    kind: str
     system: System
     settings: dict[str, Any]
     step: float | Adaptive
@@ -48,7 +47,6 @@ class Drawn:
     truth: dict[str, float]
     #: What is certain of each truth, and the largest value of its column.
     certain: dict[str, float]
-    vary: dict[str, list[float]] = field(default_factory=dict)
 
 
 class Piece:
@@ -440,11 +438,10 @@ def draw(seed: int, number: int, folder: Path, kind: str = "") -> Drawn:
                 if f"{name}.u{j}" not in wires and f"{name}.u{j}" not in free:
                     parts[name] |= {f"b{i}{j}": 0.0 for i in (1, 2)}
         truth = linear(Coupled(parts, wires, free), start, stop, columns)
-    has_events = is_hidden
-    name = f"{'events' if has_events else 'linear'}{'' if kind != 'fixed step' else '_fixed'}.fmu"
+    name = f"{'events' if is_hidden else 'linear'}{'' if kind != 'fixed step' else '_fixed'}.fmu"
     fmu = folder / name
     if not fmu.exists():
-        pack(fmu, has_events=has_events, varies=kind != "fixed step")
+        pack(fmu, has_events=is_hidden, varies=kind != "fixed step")
     if kind == "fixed step":  # its table jumps at points that all runs have
         u = free[port]
         u.begins[1] = start + 4 * step * round((at - start) / (4 * step))
@@ -502,4 +499,4 @@ def draw(seed: int, number: int, folder: Path, kind: str = "") -> Drawn:
                 ) + (2e-8 if "ing" in kind[-4:] and kind in ("swinging", "bouncing") else 0.0)
     adaptive = f" ad {h.tolerance:.1g}" if isinstance(h, Adaptive) else f" N {steps}"
     label = f"{seed}/{number} {kind} {algorithm} o{settings['input_order']}{adaptive}"
-    return Drawn(label, kind, system, settings, h, metrics, true, certain)
+    return Drawn(label, system, settings, h, metrics, true, certain)
