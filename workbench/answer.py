@@ -133,7 +133,8 @@ class Findings:
     """What `solve` returns: figures with their whole errors, and the data for verdict and show.
 
     Names of figures are identifiers. `system` gives the FMUs and parameters; `provenance` is that of a
-    run, or else `algorithm` and `communication` say how several runs were made. Tables and files are by
+    run, or else `algorithm` and `communication` say how several runs were made, by default those of the options
+    `algorithm` and `steps_per_rev`. Tables and files are by
     file name without folder. Functions in `files` write what only this question has, such as a system,
     to a path. `facts` are further entries of the JSON. `defaults` are the values of options that were
     left to the question (None, or no list), by name, in the options' units. `warnings` are shown with those of FMUs.

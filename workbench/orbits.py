@@ -349,7 +349,7 @@ class Orbit:
             numbers, motions = batch.all_motions()
             for i, k in enumerate(some):
                 own = [motions.motion(int(j)) for j in np.flatnonzero(numbers == i)]
-                found[k] = self._findings(asked[k], batch.systems[i], own)
+                found[k] = self._findings(batch.systems[i], own)
         return [found[k] for k in range(len(asked))]
 
     def worst_motions(
@@ -407,13 +407,10 @@ class Orbit:
         for some in alike.values():
             yield _Batch(self, context, [asked[k] for k in some], [systems[k] for k in some]), some
 
-    def _findings(self, o: Any, system: System, motions: list[SteadyMotion]) -> Findings:
+    def _findings(self, system: System, motions: list[SteadyMotion]) -> Findings:
         if self.worst:
             motions.sort(key=lambda x: -np.nan_to_num(x.figures[self.worst].value, nan=-math.inf))
-        return Findings(
-            motions[0].figures, motions, system, algorithm=o.algorithm,
-            communication=f"{o.steps_per_rev} steps per revolution",
-        )  # fmt: skip
+        return Findings(motions[0].figures, motions, system)
 
 
 def solve_each(context: Context, asked: Sequence[Any]) -> list[Findings | SetupError]:
@@ -466,27 +463,24 @@ def table_of(
     figures : mapping
         What figures are called in it, by default all by their names, see `Motions.table`.
     """  # fmt: skip
-    blocks = [asked[k : k + AT_ONCE] for k in range(0, len(asked), AT_ONCE)]
     silent = replace(context, out=None)  # the table has what is kept of each answer
-    every = (measured(silent, block) for block in blocks)
-    found = [next(every)]
+    found = [measured(silent, asked[:AT_ONCE])]
     if not found[0].columns:
         raise SetupError(f"no row of {csv} has an answer; the first: {found[0].problems[0]}")
     figures = figures or {name: name for name in found[0].columns}
-    units = found[0].table({}, figures).units
+    units = {name: unit for name, (unit, _) in inputs.items()}
+    units |= found[0].table({}, figures).units
 
     def rows() -> Iterator[tuple[Any, ...]]:
-        for motions in chain(found[:1], every):
-            if motions is not found[0]:
-                found.append(motions)
-            columns = motions.table({}, figures).columns
-            exact = np.zeros(len(motions))
+        for k in range(0, len(asked), AT_ONCE):
+            some = slice(k, k + AT_ONCE)
+            if k:
+                found.append(measured(silent, asked[some]))
+            own = {name: (unit, x[some]) for name, (unit, x) in inputs.items()}
+            columns, exact = found[-1].table(own, figures).columns, np.zeros(len(found[-1]))
             yield from zip(*(columns.get(name, exact).tolist() for name in units))
 
-    values = zip(*(x for _, x in inputs.values()))
-    every_row = ((*row, *of_figures) for row, of_figures in zip(values, rows()))
-    all_units = {name: unit for name, (unit, _) in inputs.items()} | dict(units)
-    return context.record_rows(csv, all_units, every_row), reduce(Motions.beside, found)
+    return context.record_rows(csv, units, rows()), reduce(Motions.beside, found)
 
 
 class _Batch:

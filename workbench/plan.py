@@ -60,11 +60,6 @@ class Sampling(NamedTuple):
             cube = kind(dimensions, rng=self.seed).random(self.number)
         return np.asarray(np.clip(cube, LEAST, 1.0 - LEAST))
 
-    def columns(self, tolerances: Mapping[str, rv_frozen]) -> dict[str, Samples]:
-        """Samples of distributions, by their names."""
-        cube = self.cube(len(tolerances)).T
-        return {name: x.ppf(share) for (name, x), share in zip(tolerances.items(), cube)}
-
 
 def salib_problem(inputs: Sequence[str]) -> dict[str, Any]:
     """Inputs between 0 and 1, as SALib wants them."""
@@ -128,8 +123,9 @@ class Plan:
         """The sampled values, the same at each point of the grid; one empty row without any."""
         if self.sampling is None:
             return [()]
-        columns = self.sampling.columns(self.tolerances).values()
-        return [tuple(row) for row in np.column_stack([*columns]).tolist()]
+        cube = self.sampling.cube(len(self.tolerances))
+        columns = [d.ppf(shares) for d, shares in zip(self.tolerances.values(), cube.T)]
+        return [tuple(row) for row in np.column_stack(columns).tolist()]
 
     def runs(self) -> list[tuple[Value, ...]]:
         """The values of the varied inputs, run by run: the samples at one grid point, at the next."""
@@ -151,10 +147,6 @@ class Plan:
         """Values of inputs, those that are in a unit of their own as texts with it."""
         units = self.units
         return {name: f"{x!r}{units[name]}" if name in units else x for name, x in values.items()}
-
-    def asked(self) -> list[Question]:
-        """The questions of all rows."""
-        return [case_of(self.question, case) for case in self.cases()]
 
     def units_of(self, fmus: Mapping[str, Path]) -> dict[str, str]:
         """The units of the varied inputs."""
@@ -242,7 +234,8 @@ def measure(context: Context, plans: Mapping[str, Plan]) -> dict[str, Measured]:
     searches: dict[str, dict[str, list[LineSearch]]] = {}
     tables: dict[str, tuple[Table, Motions]] = {}
     for csv, plan in plans.items():
-        asked, units = plan.asked(), plan.units_of(context.fmus)
+        asked = [case_of(plan.question, case) for case in plan.cases()]
+        units = plan.units_of(context.fmus)
         values = dict(zip(plan.varied, zip(*plan.runs())))
         names = {**plan.names, **{x: x for x in plan.varied if x not in plan.names}}
         inputs = {name: (units[x], values[x]) for x, name in names.items()}

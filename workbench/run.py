@@ -30,7 +30,7 @@ from .find import Find, find, with_level
 from .judgement import Holds, Judgement, lines
 from .live import Live
 from .live.build import for_shell
-from .options import check_fixed_starts
+from .options import check_fixed_starts, declared
 from .plan import case_of
 from .project import FLAVOURS, PYTHON, Project
 from .question import Question, read
@@ -151,9 +151,7 @@ def answer(
 
     options = option_values(o, findings.defaults)
     sliders = live_page.sliders if isinstance(live_page, Live) else o.sliders
-    provenance = findings.provenance or _provenance(
-        system, findings.algorithm, findings.communication
-    )
+    provenance = findings.provenance or _provenance(o, findings, system)
     return Answer(
         **vars(findings)
         | {
@@ -331,12 +329,15 @@ def _study_row(findings: Findings, logged: Sequence[str]) -> Row:
     return texts, np.array(numbers, float).reshape(-1, 2), [*findings.warnings, *logged]
 
 
-def _provenance(system: System, algorithm: str | None, communication: str) -> dict[str, Any]:
-    """Return how the runs of a sweep were made, in the form of the provenance of one run."""
+def _provenance(o: Any, findings: Findings, system: System) -> dict[str, Any]:
+    """Return how the runs of a sweep were made, in the form of the provenance of one run; by default as steady turns are."""
     descriptions = connect(system).descriptions if system.parts else {}
+    algorithm, steps = findings.algorithm, findings.communication
+    if not steps and "steps_per_rev" in declared(type(o)):
+        algorithm, steps = o.algorithm, f"{o.steps_per_rev} steps per revolution"
     return {
         "algorithm": algorithm,
-        "communication": communication,
+        "communication": steps,
         "wires": [str(wire) for wire in system.wires],
         "parts": {
             part: {"fmu": Path(path).name, "model": d.modelName, "guid": d.guid}

@@ -178,7 +178,7 @@ def compare(
         meaning="inertia force over spring force at the first limit",
     )
     names = [*(x.column for x in LOADS.values()), *(case.key for case in CALCULATIONS)]
-    table = sweep.table_of(dict(zip(names, names)))
+    table = sweep.motions.table({"nu": ("rad/s", sweep.speeds)}, dict(zip(names, names)))
     return ClassicalComparison(figures, table, machine, tolerance, sweep.speeds[0])
 
 

@@ -158,20 +158,12 @@ def crank(r: float, l: float = math.inf) -> Position:
     return position
 
 
-def slotted_link(r: float, l: float = math.inf) -> Position:
-    """The trough's position with a crank pin at r and a link that swings about a pivot at l [m]."""
-    return lambda phi: np.asarray(r * np.sin(phi) / (1 + r / l * np.cos(phi)))
-
-
 class Ripples(NamedTuple):
-    """Complex amplitudes of the orders 1 .. HIGHEST: load torque at constant speed [N.m], speed
-    [rad/s], motor torque [N.m], and the speeds at which each order is in phase resonance [rad/s].
-    """
+    """Complex amplitudes of the orders 1 .. HIGHEST: load torque at constant speed [N.m], speed [rad/s], motor torque [N.m]."""
 
     load: Amplitudes
     speed: Amplitudes
     torque: Amplitudes
-    resonances: Samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,18 +177,11 @@ class Mechanism:
     load: Callable[[Any, Any], Samples]
 
     @classmethod
-    def of(cls, machine: Machine, position: Position, pulled: float = 0.0) -> Mechanism:
-        """A mechanism that is given as a position function of the trough, x(phi).
-
-        Beside spring and resistance the trough pulls a load by `pulled` N per m/s2:
-        theta = theta1 + m x'^2, M_c = x' (c x + d x' w + pulled (x' a + x'' w^2)).
-        """
-        x, dx, _ = path = at_angles(position)
-        theta = machine.theta1 + machine.m * dx**2
+    def of(cls, machine: Machine, position: Position) -> Mechanism:
+        """A mechanism that is given as a position function of the trough, x(phi): theta = theta1 + m x'^2, M_c = x' (c x + d x' w)."""
+        x, dx, _ = at_angles(position)
         spring, drag = machine.c * x * dx, machine.d * dx**2
-        return cls(
-            machine, theta, lambda w, a: spring + drag * w + pulled * dx * acceleration(path, w, a)
-        )
+        return cls(machine, machine.theta1 + machine.m * dx**2, lambda w, _: spring + drag * w)
 
     def ripples(self, nu: float) -> Ripples:
         """The solution of (10) for every order at the mean speed nu, from Fourier coefficients.
@@ -212,8 +197,7 @@ class Mechanism:
         load = amplitudes(steady) + 1j * k * nu**2 / 2 * amplitudes(self.theta)
         lag = 1 + 1j * k * nu * m.T
         damped = m.B + lag * (slope + 1j * k * nu * inertia)
-        resonances = np.sqrt((m.B + slope) / (inertia * m.T)) / k
-        return Ripples(load, np.asarray(-load * lag / damped), m.B * load / damped, resonances)
+        return Ripples(load, np.asarray(-load * lag / damped), m.B * load / damped)
 
     def speed_and_acceleration(self, nu: float) -> tuple[Samples, Samples]:
         """Speed [rad/s] and acceleration [rad/s2] at NODE_ANGLES, to first order in the ripple."""

@@ -94,11 +94,7 @@ class SpeedSweep:
     @cached_property
     def table(self) -> Table:
         """What the orbits say, speed by speed."""
-        return self.table_of(COLUMNS)
-
-    def table_of(self, figures: Mapping[str, str]) -> Table:
-        """Return figures over the speed, by the names of their columns."""
-        return self.motions.table({"nu": ("rad/s", self.speeds)}, figures)
+        return self.motions.table({"nu": ("rad/s", self.speeds)}, COLUMNS)
 
     @property
     def columns(self) -> Mapping[str, Array]:
@@ -168,10 +164,6 @@ class SpeedSweep:
         lost = [nu for nu, x in zip(self.speeds, self.columns["tau2"].tolist()) if math.isnan(x)]
         return [nu for nu in lost if nu not in self.stalled]
 
-    def problems(self) -> dict[float, str]:
-        """Return why orbits are missing, with any of the steps, by speed."""
-        return {nu: why for nu, why in zip(self.speeds, self.motions.problems) if why}
-
     def named(self, speeds: Sequence[float]) -> str:
         """Return speeds of the sweep in words, by their number where they are many."""
         if len(speeds) == len(self.speeds) > 1:
@@ -211,7 +203,8 @@ class SpeedSweep:
         apart, best = UNCONFIRMED_FACTOR * np.ptp(force.steps, axis=0), force.value.max()
         is_known = np.isfinite(force.error) | (force.value + apart < best)
         reach = np.fmax.reduce(force.value + force.error)
-        why = self.no_orbit(list(self.problems())[:1])
+        lost = [nu for nu, why in zip(self.speeds, self.motions.problems) if why]
+        why = self.no_orbit(lost[:1])
         error = float(reach - best) if is_known.all() else math.nan
         return orbit_figure(float(best), error, "N", "largest rod force of the sweep", why)
 

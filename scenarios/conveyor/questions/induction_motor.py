@@ -146,8 +146,6 @@ class InductionMotor(Question, NameplateOptions):
             sheet_figures(sheet, *lag_speeds_[0]) | extremes(heavy, small),
             MotorData(drive, sheet, len(loads), table, speeds),
             conveyor_drive(context.fmus, sheet.machine.start(sheet.nu_res)),
-            communication=f"{self.steps_per_rev} steps per revolution",
-            algorithm=self.algorithm,
             tables={TABLE: table, SWEEP: speeds},
         )
 

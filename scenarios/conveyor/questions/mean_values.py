@@ -92,46 +92,38 @@ class MeanValues(PlanQuestion):
     )
 
     @property
-    def machine(self) -> Machine:
-        """The machine with its start values."""
-        return SETS[self.set].follow(self.start)
-
-    @property
     def nus(self) -> tuple[float, ...]:
         """The speeds of the table [rad/s]."""
         return self.speeds or speeds_of(SPEEDS[self.set])
 
-    @property
-    def operating(self) -> float:
-        """The operating speed [rad/s]."""
-        return self.speed or float(self.machine.nu_res)
-
     def plans(self, context: Context) -> dict[str, Plan]:
         """Orbits over the speed, and at the operating speed."""
         machine = machine_with_start_values(context.fmus, SETS[self.set], self.start)
-        for nu in (*self.nus, self.operating):
+        every = sorted({*self.nus, self.speed or float(machine.nu_res)})
+        for nu in every:
             require_enough_steps_per_rev(self, machine, nu)
         columns = {name + end: name + end for name in MEANS for end in ("", "_theory", "_plain")}
-        grid = {"speed": sorted({*self.nus, self.operating})}
-        return {TABLE: plan_of(machine, self, grid, names={"speed": "nu"}, columns=columns)}
+        return {
+            TABLE: plan_of(machine, self, {"speed": every}, names={"speed": "nu"}, columns=columns)
+        }
 
     def conclude(self, context: Context, measured: Mapping[str, Measured]) -> Findings:
         """The means at the operating speed, and the drift to it, from several starts that are averaged."""
-        (found,), operating, drive = measured.values(), self.operating, Drive.of(context, self)
+        (found,), drive = measured.values(), Drive.of(context, self)
+        machine: Machine = found.motions.asked[0].given
+        operating = self.speed or float(machine.nu_res)
         frame = found.table.frame
         table = Table.of_frame(frame[frame["nu"].isin(self.nus)], found.table.units)
         at = found.motions.motion(found.plan.grid["speed"].index(operating)).figures
-        step_response, figures = drifts(self.machine, drive, operating)
+        step_response, figures = drifts(machine, drive, operating)
         torque = at["torque"]
         for name in DRIFT:
             if torque.error is None:  # nothing that the mean speed could settle at
                 figures[name] = Figure.undetermined("%", torque.reason, figures[name].meaning)
         return Findings(
             figures_against_no_ripple(at) | figures,
-            MeanData(self.machine, drive, operating, table, step_response),
-            conveyor_drive(context.fmus, {**self.machine.start(operating), **self.start}),
-            communication=f"{self.steps_per_rev} steps per revolution",
-            algorithm=self.algorithm,
+            MeanData(machine, drive, operating, table, step_response),
+            conveyor_drive(context.fmus, {**machine.start(operating), **self.start}),
             tables={TABLE: table, STEP_TABLE: step_response},
             facts={"operating_speed": operating},
             defaults={"speed": operating, "speeds": self.nus},

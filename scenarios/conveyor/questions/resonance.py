@@ -319,8 +319,6 @@ def findings(drive: Drive, plan: SweepPlan, every: SpeedSweep, features: Feature
         figures,
         r,
         conveyor_drive(drive.context.fmus, start),
-        communication=f"{o.steps_per_rev} steps per revolution",
-        algorithm=o.algorithm,
         tables=tables,
         facts={
             "operating_speed": speed,
@@ -329,8 +327,8 @@ def findings(drive: Drive, plan: SweepPlan, every: SpeedSweep, features: Feature
         },
         warnings=[
             f"No steady orbit at {nu:g} rad/s: {x}"
-            for nu, x in every.problems().items()
-            if nu in lost
+            for nu, x in zip(every.speeds, every.motions.problems)
+            if x and nu in lost
         ],  # where one of two motions is lost the other one is told
         defaults={"speed": speed, "rated_torque": o.rated_torque_or_default, "speeds": plan.speeds},
     )

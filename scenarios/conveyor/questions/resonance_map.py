@@ -132,7 +132,7 @@ class ResonanceMap(PlanQuestion, RippleOptions):
             raise SetupError(
                 f"check_runs = {self.check_runs} must be at most samples = {self.samples}"
             )
-        spread_of(self, context)
+        shares(context.fmus, "tolerance", self.tolerance, TOLERANCES)
         machine, nu = plane.points()
         worst = int(np.argmax(machine.nu_res / nu))
         require_enough_steps_per_rev(self, machine[worst], float(nu[worst]), STEP_MULTIPLES[-1])
@@ -142,7 +142,8 @@ class ResonanceMap(PlanQuestion, RippleOptions):
         """The ridges of the map and its risk: that of a theory over machines, some of which are run."""
         (plane, within), (map_points,) = plane_of(self, context), measured.values()
         require_steady(map_points.motions)
-        drive, spread = Drive.of(context, self), spread_of(self, context)
+        drive = Drive.of(context, self)
+        spread = shares(context.fmus, "tolerance", self.tolerance, TOLERANCES)
         points, rows = map_points.table.frame, ridges(plane, map_points)
         warn_of_unsteady(plane, points)
         error = float((points["ripple_error"] / points["ripple"]).max())
@@ -159,8 +160,6 @@ class ResonanceMap(PlanQuestion, RippleOptions):
             figures(points, rows) | check_figures(checks, error),
             map_,
             conveyor_drive(context.fmus, plane.machine.start(plane.speed)),
-            communication=f"{self.steps_per_rev} steps per revolution",
-            algorithm=self.algorithm,
             tables={
                 TABLE: Table.of_frame(points, map_.units),
                 ROWS_TABLE: Table.of_frame(map_.rows, map_.units),
@@ -319,11 +318,6 @@ def plane_of(o: ResonanceMap, context: Context) -> tuple[Plane, tuple[float, flo
     if o.speed is not None:
         raise SetupError("--speed is for maps whose x is not the speed")
     return plane, span("range", o.range or RANGE, across)
-
-
-def spread_of(o: ResonanceMap, context: Context) -> dict[str, float]:
-    """The tolerances of the parts as shares of 1; raises SetupError."""
-    return shares(context.fmus, "tolerance", o.tolerance, TOLERANCES)
 
 
 def warn_of_unsteady(plane: Plane, points: DataFrame) -> None:

@@ -136,8 +136,6 @@ class RodForce(PlanQuestion, RippleOptions):
             },
             data,
             system,
-            communication=f"{self.steps_per_rev} steps per revolution",
-            algorithm=self.algorithm,
             tables={TABLE: table},
             facts={"operating_speed": nu, "rated_torque": self.rated_torque_or_default},
             defaults={"speed": nu, "rated_torque": self.rated_torque_or_default},
