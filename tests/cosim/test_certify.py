@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cosim import Adaptive, Result, System, certify, limit, run
+from cosim.accuracy.judge import row_spacing_error
 from cosim.accuracy.nested import stored_column
 from cosim.accuracy.trajectories import find_divergence
 from cosim.metrics import (
@@ -384,3 +385,14 @@ def test_a_run_for_comparison_that_is_interrupted_leaves_the_rows_of_the_finest(
                 stop=0.1, step=1e-3, tolerance=1e-3)  # fmt: skip
     assert interrupt.value.result is done[0]
     assert shares == sorted(shares) and (max(shares) == 1.0) == (which == 3)
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_the_error_of_rows_is_that_of_a_power_of_their_distance(order: float) -> None:
+    """Also where every second row changes nothing by chance, as between two extremes that lie alike."""
+    second, third = 2.0**order - 1.0, 3.0**order - 1.0
+    found = float(row_spacing_error(np.array([second]), np.array([third]))[0])
+    assert (
+        1.0 <= found < 1.15
+    )  # never below the error; between the orders the ratio is nearly linear
+    assert row_spacing_error(np.zeros(1), np.array([third]))[0] >= third / 8.0
