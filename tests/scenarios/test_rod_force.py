@@ -22,6 +22,7 @@ from tests.scenarios.orbit_oracle import Drive, orbit
 from tests.scenarios.test_mechanisms import drive, weakened
 from workbench import Context
 from workbench.answer import Answer
+from workbench.charts.model import HeatMap
 
 QUICK = {"speeds": "30:60:4", "springs": "1e5:1e6:4"}
 DRIVE = Runs(Context(fmus_of(page)), "strang", 256)
@@ -206,6 +207,15 @@ def test_a_spring_far_from_formula_17_is_not_reported() -> None:
     light = {"conveyor.trough.m": 20.0, "motor.B": 1.0}
     far = ask("rod_force", speed=8.0, start=light, **QUICK_STEPS)
     assert far.figures["spring_unloaded"].reason == "it lies far from that of formula (17)"
+
+
+def test_the_maps_reach_down_to_no_spring() -> None:
+    free = ask("rod_force", speeds="30:60:4", springs="0:9e5:4", steps_per_rev=128)
+    maps = [x for x in free.show().charts if isinstance(x, HeatMap)]
+    assert len(maps) == 2
+    for one in maps:
+        assert one.y.values == pytest.approx([0.0, 300.0, 600.0, 900.0])
+        assert np.isfinite(one.values).all()
 
 
 @pytest.mark.slow

@@ -359,7 +359,7 @@ def maps(r: RodForceData, limit: float) -> list[HeatMap]:
             ripple: table["tau2"],
         }
     )
-    frame = frame.where(frame > 0.0)
+    frame[[force, ripple]] = frame[[force, ripple]].where(lambda x: x > 0.0)
     units = {speed: "rad/s", spring: "kN/m", force: "kN", ripple: "N.m"}
     nu = np.linspace(frame[speed].min(), frame[speed].max(), CURVE_SPEEDS)
     formula = 1e-3 * r.machines[""].m * nu**2
