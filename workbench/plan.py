@@ -263,8 +263,9 @@ def _searches(plan: Plan, sought: Find, motions: Motions) -> Iterator[LineSearch
     axis = list(plan.grid).index(sought.over)
     rows = np.moveaxis(np.arange(len(motions)).reshape(shape), axis, -1)
     x = np.array(plan.grid[sought.over], float)
+    rising = np.argsort(x)
     for line in rows.reshape(-1, len(x)):
-        yield LineSearch.along(motions[line], sought, x)
+        yield LineSearch.along(motions[line[rising]], sought, x[rising])
 
 
 class PlanQuestion(Question):

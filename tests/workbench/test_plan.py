@@ -50,7 +50,7 @@ def test_levels_are_found_along_each_line_of_the_grid_and_the_table_is_judged(
 ) -> None:
     found = answer(
         tmp_path,
-        "grid={'y': (0.0, 1.0), 'x': (0.1, 0.5, 1.0)}, names={'x': 'at'}, columns={'height': 'z'}, "
+        "grid={'y': (0.0, 1.0), 'x': (1.0, 0.1, 0.5)}, names={'x': 'at'}, columns={'height': 'z'}, "
         "find={'reached': Find('x', 0.1, 1.0, 'height', 2.0)}",
     )
     table = found.first_table
