@@ -8,8 +8,11 @@ from pathlib import Path
 import pytest
 
 from cosim import SetupError
-from tests.conftest import ROOT
-from workbench import Answer
+from scenarios.conveyor import orbit
+from scenarios.conveyor.first_order import SETS
+from tests.conftest import ROOT, fmus_of
+from workbench import Answer, Context, Find, Plan
+from workbench.plan import measure
 from workbench.project import NO_PROJECT
 from workbench.run import ask
 
@@ -62,6 +65,20 @@ def test_levels_are_found_along_each_line_of_the_grid_and_the_table_is_judged(
         assert abs(x.value - (2.0 - y) / 3.0) <= x.known_error < 1e-3
         assert (x.unit, x.meaning) == ("m", "x at which height is 2.0")
     assert found.verdict == "Nearly all of the plane is low: yes, 83.33 % (at least 80)"
+
+
+def test_a_search_that_theory_guides_goes_by_rising_values_in_whatever_order_they_are_given() -> (
+    None
+):
+    drives = Plan(
+        question=orbit.DriveOrbit,
+        fixed={"steps_per_rev": 128},
+        grid={"speed": (60.0, 30.0, 45.0, 37.5)},
+        find={"nu_90": Find("speed", 30.0, 60.0, "lag", 90.0)},
+    )
+    found = measure(Context(fmus_of(orbit)), {"drives.csv": drives})["drives.csv"].found
+    (place,) = (x.place for line in found["nu_90"] for x in line)
+    assert place.value == pytest.approx(SETS["A"].nu_res, rel=3e-4)
 
 
 def test_what_is_over_no_input_of_the_grid_is_found_in_each_row(tmp_path: Path) -> None:
